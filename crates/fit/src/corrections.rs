@@ -100,7 +100,8 @@ impl Corrections {
         number: usize,
         of_view: &CorrectionGradients,
         config: &FitConfig,
-        (step, extent): (u64, f64),
+        step: u64,
+        extent: f64,
     ) {
         let [bias, root] = bias_corrections(step);
         let share = LAST_SHARE.powf(step as f64 / config.steps as f64);
@@ -187,7 +188,7 @@ mod tests {
             #[expect(clippy::cast_possible_truncation, reason = "1, 2 or 4")]
             let pose = [0.0, 0.0, turn, if view == 1 { shift as f32 } else { 0.0 }, 0.0, 0.0];
             let gradients = CorrectionGradients { pose, exposure: Some(exposure_of(shift)) };
-            corrections.update(view, &gradients, &config, (step, 5.0));
+            corrections.update(view, &gradients, &config, step, 5.0);
         }
         // Rates fall to a hundredth in a hundred steps.
         let shares = [0.01_f64, 0.02, 0.03].map(|done| 0.01_f64.powf(done));
@@ -247,7 +248,7 @@ mod tests {
             let mut gradient = exposure_of(0.0);
             gradient.offset[2] = (corrections.exposure(view).unwrap().offset[2] - 0.2).signum();
             let gradients = CorrectionGradients { pose: [0.0; 6], exposure: Some(gradient) };
-            corrections.update(view, &gradients, &config, (step, 1.0));
+            corrections.update(view, &gradients, &config, step, 1.0);
         }
         let offsets = (0..VIEWS).map(|view| corrections.exposure(view).unwrap().offset[2]);
         let mean = offsets.sum::<f64>() / VIEWS as f64;

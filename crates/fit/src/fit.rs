@@ -206,7 +206,7 @@ impl Fit {
         self.observe(number);
         let means_rate = self.schedule.means_rate(&self.config.rates, step) * self.extent;
         self.adam(step, degree, means_rate).update(&mut self.scene, &self.gradients.gaussians);
-        self.corrections.update(number, &of_view, &self.config, (step, self.extent));
+        self.corrections.update(number, &of_view, &self.config, step, self.extent);
         let context = self.density_context(step, means_rate);
         let density = self.density.after_step(&mut self.scene, &context);
         // The record of a control that failed has no changes; its error follows.

@@ -42,14 +42,15 @@ impl DeviceState {
         &self.network
     }
 
-    /// [`crate::update::update`] on the device, by the sum of the gradients of as many samples: of everything, only the norm is read.
+    /// [`crate::update::update`] on the device, from which only the norm is read; `gradient` is the sum over this many samples.
     ///
     /// # Errors
     /// [`FailureReason::NonFiniteGradients`] if the norm is not finite; nothing is changed.
     pub(crate) fn update(
         &mut self,
         updates: u64,
-        (gradient, samples): (Tensor<1>, usize),
+        gradient: Tensor<1>,
+        samples: usize,
         rate: f64,
         config: &TrainConfig,
     ) -> Result<f64, FailureReason> {
@@ -114,8 +115,8 @@ mod tests {
             let flat = as_parameters.network(&template).unwrap().flat();
             let rate = 1e-3 * (step + 1) as f64;
             let updates = on_cpu.updates;
-            let expected = update(&mut on_cpu, (&gradients, 3), rate, &config).unwrap();
-            let found = device_state.update(updates, (flat, 3), rate, &config).unwrap();
+            let expected = update(&mut on_cpu, &gradients, 3, rate, &config).unwrap();
+            let found = device_state.update(updates, flat, 3, rate, &config).unwrap();
             assert_eq!(found > config.clip, step == 2, "one step is clipped");
             Tolerance::relative(1e-5).assert([found], [expected], "norm");
         }
@@ -140,7 +141,7 @@ mod tests {
         let state = State::new(Parameters::fresh(&model, 3, StoredTensors::default()));
         let mut device_state = DeviceState::new(&state, &template).unwrap();
         let gradient = device_state.network().flat() * f32::NAN;
-        let outcome = device_state.update(0, (gradient, 1), 1e-2, &TrainConfig::shortest());
+        let outcome = device_state.update(0, gradient, 1, 1e-2, &TrainConfig::shortest());
         assert!(matches!(outcome, Err(FailureReason::NonFiniteGradients(_))));
         let mut after = state.clone();
         device_state.copy_to(&mut after);

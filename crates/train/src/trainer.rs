@@ -135,7 +135,7 @@ impl Trainer {
         start.check(&config, folder)?;
         // The sources count what is wrong with their data.
         let samples = Box::new(config.samples(&mut Warnings::new())?);
-        Self::open((processor, commit), config, samples, folder, start)
+        Self::open(processor, commit, config, samples, folder, start)
     }
 
     /// [`Self::new`] on samples of another source.
@@ -149,7 +149,7 @@ impl Trainer {
         start: &Start,
     ) -> Result<Self, TrainError> {
         start.check(&config, folder)?;
-        Self::open((Processor::Cpu, None), config, samples, folder, start)
+        Self::open(Processor::Cpu, None, config, samples, folder, start)
     }
 
     /// The state after the last step; on a graphics adapter, weights, moments and averages are those before this call's first step

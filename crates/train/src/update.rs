@@ -8,14 +8,15 @@ use crate::optimiser::{Update, average, clip, norm, warmed_up};
 use crate::parameters::decays;
 use crate::skipped_step::FailureReason;
 
-/// Clips the mean of the gradients of as many samples, of which the sum is given, and updates every parameter and the moving
+/// Clips the mean gradient of a batch, whose sum over this many samples is `gradients`, and updates every parameter and the moving
 /// averages; returns the norm of the mean before clipping. Gradients are in the order and layout of the parameters.
 ///
 /// # Errors
 /// [`FailureReason::NonFiniteGradients`] if the norm is not finite; nothing is changed.
 pub(crate) fn update(
     state: &mut State,
-    (gradients, samples): (&[Vec<f32>], usize),
+    gradients: &[Vec<f32>],
+    samples: usize,
     rate: f64,
     config: &TrainConfig,
 ) -> Result<f64, FailureReason> {
@@ -115,7 +116,7 @@ mod tests {
         for (number, step) in run.steps.iter().enumerate() {
             assert_eq!(step.batch.len(), 3);
             let gradients = sum(&state, &step.batch);
-            let norm = update(&mut state, (&gradients, 3), step.rate, &config).unwrap();
+            let norm = update(&mut state, &gradients, 3, step.rate, &config).unwrap();
             Tolerance::relative(1e-6).assert([norm], [step.norm], "norm of the mean gradient");
             for ((found, expected), start) in state.parameters.values().iter().zip(&step.after).zip(&run.parameters) {
                 let found = found.iter().copied().map(f64::from);
@@ -131,7 +132,7 @@ mod tests {
         let (run, mut state, config) = run();
         let mut broken = sum(&state, &run.steps[0].batch);
         broken[0][0] = f32::NAN;
-        assert!(matches!(update(&mut state, (&broken, 3), 1e-2, &config), Err(FailureReason::NonFiniteGradients(_))));
+        assert!(matches!(update(&mut state, &broken, 3, 1e-2, &config), Err(FailureReason::NonFiniteGradients(_))));
         assert_eq!(state.updates, 0);
         let starts: Vec<&[f32]> = run.parameters.iter().map(|start| start.values.as_slice()).collect();
         assert_eq!(state.parameters.values(), starts);

@@ -68,7 +68,7 @@ fn pieces(segments: &[Segment]) -> Vec<Piece<'_>> {
     let mut pieces = Vec::new();
     for segment in segments {
         let slack = TOLERANCE * length(segment, 0.0, 1.0);
-        split(segment, (0.0, 1.0), slack, MAX_SPLITS, &mut pieces);
+        split(segment, 0.0, 1.0, slack, MAX_SPLITS, &mut pieces);
     }
     let mut distance = 0.0;
     for piece in &mut pieces {
@@ -80,21 +80,15 @@ fn pieces(segments: &[Segment]) -> Vec<Piece<'_>> {
 
 /// Halves a piece until its length agrees with that of its halves, or is not finite. Many halvings are needed only where the centre
 /// stops and reverses; elsewhere the speed is smooth.
-fn split<'a>(
-    segment: &'a Segment,
-    (start, end): (f64, f64),
-    slack: f64,
-    splits_left: u32,
-    pieces: &mut Vec<Piece<'a>>,
-) {
+fn split<'a>(segment: &'a Segment, start: f64, end: f64, slack: f64, splits_left: u32, pieces: &mut Vec<Piece<'a>>) {
     let middle = 0.5 * (start + end);
     let whole = length(segment, start, end);
     let halves = length(segment, start, middle) + length(segment, middle, end);
     if splits_left == 0 || !whole.is_finite() || (whole - halves).abs() <= slack {
         pieces.push(Piece { segment, start, end, before: 0.0, length: whole });
     } else {
-        split(segment, (start, middle), slack, splits_left - 1, pieces);
-        split(segment, (middle, end), slack, splits_left - 1, pieces);
+        split(segment, start, middle, slack, splits_left - 1, pieces);
+        split(segment, middle, end, slack, splits_left - 1, pieces);
     }
 }
 

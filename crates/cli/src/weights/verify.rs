@@ -58,6 +58,7 @@ fn of_checkpoint(
     if let Some(requested) = config {
         same_network(requested, &checkpoint.weights.config).context("--model")?;
     }
-    let found = (checkpoint.to_string(), checkpoint.weights, checkpoint.metadata_covered);
-    Ok(Verification::of_checkpoint(file, found, config, expected_sha256)?)
+    let what = checkpoint.to_string();
+    let CheckpointFile { weights, metadata_covered, .. } = checkpoint;
+    Ok(Verification::of_checkpoint(file, what, weights, metadata_covered, config, expected_sha256)?)
 }

@@ -3,8 +3,6 @@
 mod cameras;
 mod start;
 
-use std::sync::Arc;
-
 use atsplat_camera::{Camera, ImageSize, PrincipalPointRule};
 use atsplat_fit::TrainingView;
 use atsplat_model::ModelConfig;
@@ -46,7 +44,7 @@ impl Photos {
     /// # Errors
     /// [`ProtocolError`] for an image that cannot be read.
     pub fn training_views(&self) -> Result<Vec<TrainingView>, ProtocolError> {
-        let view = |view: &ContextView| Ok(self.named((view.frame, view.camera, view.size, view.image()?)));
+        let view = |view: &ContextView| Ok(self.named(view.frame, view.camera, view.size, &view.image()?));
         self.trial().context().iter().map(view).collect()
     }
 
@@ -58,12 +56,12 @@ impl Photos {
     pub fn held_out_views(&self) -> Result<Vec<TrainingView>, ProtocolError> {
         let image = |at| self.ground_truth().get(at).expect("an image for each target");
         let targets = self.trial().targets().iter().enumerate();
-        targets.map(|(at, view)| Ok(self.named((view.frame, view.camera, view.size, image(at)?)))).collect()
+        targets.map(|(at, view)| Ok(self.named(view.frame, view.camera, view.size, &image(at)?))).collect()
     }
 
-    fn named(&self, (frame, camera, size, image): (usize, Camera, ImageSize, Arc<ImageU8>)) -> TrainingView {
+    fn named(&self, frame: usize, camera: Camera, size: ImageSize, image: &ImageU8) -> TrainingView {
         let name = self.name(frame).map_or_else(|| format!("frame {frame}"), str::to_owned);
-        training_view(name, camera, size, &image)
+        training_view(name, camera, size, image)
     }
 }
 

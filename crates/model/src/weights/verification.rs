@@ -54,7 +54,9 @@ impl Verification {
     /// [`ModelError`] if they do not, or if the file's sha256 is not `expected_sha256`.
     pub fn of_checkpoint(
         file: TensorFile,
-        (what, weights, metadata_covered): (String, ModelWeights, bool),
+        what: String,
+        weights: ModelWeights,
+        metadata_covered: bool,
         config: Option<&ModelConfig>,
         expected_sha256: Option<Sha256Digest>,
     ) -> Result<Self, ModelError> {

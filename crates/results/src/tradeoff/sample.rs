@@ -93,7 +93,7 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
         let machine = machine_of(results, &preset.name);
         let scored = scored(results, machine.as_ref(), &preset.name, metric, leaked, aggregation);
         let machines = machine.into_iter().collect();
-        let tradeoff = tradeoff_of_scored((&preset.name, &preset.hash), metric, scored, aggregation, machines);
+        let tradeoff = tradeoff_of_scored(&preset.name, &preset.hash, metric, scored, aggregation, machines);
         Ok(with_targets(tradeoff, results, std::slice::from_ref(preset), leaked))
     };
     let presets = results.provenance.presets.iter();
@@ -124,8 +124,7 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     let aggregation = common.unwrap_or(Aggregation::SceneMeans);
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
     let machines = machine.into_iter().collect();
-    let mut tradeoff =
-        tradeoff_of_scored(("different protocols", &hashes.join(" ")), metric, all, aggregation, machines);
+    let mut tradeoff = tradeoff_of_scored("different protocols", &hashes.join(" "), metric, all, aggregation, machines);
     tradeoff.notes.extend(note);
     Ok(with_targets(tradeoff, results, presets, leaked))
 }
@@ -173,7 +172,8 @@ fn with_targets(tradeoff: Tradeoff, results: &Results, presets: &[PresetRecord],
 }
 
 fn tradeoff_of_scored(
-    (preset, protocol): (&str, &str),
+    preset: &str,
+    protocol: &str,
     metric: &str,
     mut scored: Vec<Scored<'_>>,
     aggregation: Aggregation,

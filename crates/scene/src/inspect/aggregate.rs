@@ -59,7 +59,8 @@ impl Aggregate {
     pub(super) fn report(
         self,
         format: Format,
-        (listed, left_out): (usize, u64),
+        listed: usize,
+        left_out: u64,
         per_scene: bool,
         warnings: &Warnings,
     ) -> Inspection {

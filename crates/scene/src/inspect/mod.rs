@@ -88,8 +88,7 @@ pub fn inspect(
             }
         }
     }
-    let scenes = (source.keys().len(), left_out(&opening, warnings));
-    aggregate.report(format, scenes, options.per_scene, warnings)
+    aggregate.report(format, source.keys().len(), left_out(&opening, warnings), options.per_scene, warnings)
 }
 
 /// Scenes of the data that are not among a dataset's keys, by the warnings of opening it and by all warnings since: ignored next to

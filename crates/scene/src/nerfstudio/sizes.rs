@@ -39,7 +39,7 @@ pub(super) fn lenses(
 ) -> Result<Vec<LensFields>, SceneError> {
     let first = if needs_image_sizes(transforms) { size_of_first(images, key)? } else { None };
     if let Some((first, size)) = first {
-        require_one_size(key, transforms, images, (first, size), file)?;
+        require_one_size(key, transforms, images, first, size, file)?;
     }
     let first = first.map(|(_, size)| size);
     let frames = transforms.frames.iter().zip(images).enumerate();
@@ -69,7 +69,8 @@ fn require_one_size(
     key: &str,
     transforms: &Transforms,
     images: &[FoundImage],
-    (first, size): (usize, ImageSize),
+    first: usize,
+    size: ImageSize,
     file: &Path,
 ) -> Result<(), SceneError> {
     let shares_pixels = |at: usize| {

@@ -148,7 +148,7 @@ impl crate::SceneReader for NerfstudioScenes {
         } else {
             lenses(key, &transforms, &images, file)?
         };
-        let frames = frames(key, file, &transforms, (&lenses, images), warnings)?;
+        let frames = frames(key, file, &transforms, &lenses, images, warnings)?;
         Ok(Scene { key: key.to_owned(), url: subset, frames })
     }
 
@@ -177,7 +177,8 @@ fn frames(
     key: &str,
     file: &Path,
     transforms: &Transforms,
-    (lenses, images): (&[LensFields], Vec<FoundImage>),
+    lenses: &[LensFields],
+    images: Vec<FoundImage>,
     warnings: &mut Warnings,
 ) -> Result<Vec<Frame>, SceneError> {
     let mut frames = Vec::with_capacity(images.len());

@@ -77,7 +77,8 @@ impl Objective {
     pub(super) fn compare_intermediate_in_graph(
         &self,
         images: RenderedTensors,
-        (run, views): (&Run, usize),
+        run: &Run,
+        views: usize,
         group: &mut Group<'_>,
     ) {
         let (first, count, truth) = (run.samples.start, run.count(), run.truth(views));

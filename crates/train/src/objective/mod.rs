@@ -204,7 +204,7 @@ impl Objective {
     fn add_final(&self, gaussians: &GaussianTensors, weight: f64, group: &mut Group<'_>) -> Result<(), SampleFailure> {
         if self.in_graph {
             for run in group.runs() {
-                let images = self.render_run(gaussians, group.samples, (&run, run.stack.views), None)?;
+                let images = self.render_run(gaussians, group.samples, &run, run.stack.views, None)?;
                 group.add_rendering(&images);
                 self.compare_final_in_graph(images, &run, weight, group);
                 group.seconds.losses += group.clock.lap();
@@ -237,9 +237,9 @@ impl Objective {
         if self.in_graph {
             for run in group.runs() {
                 let views = views_of(run.stack);
-                let images = self.render_run(gaussians, group.samples, (&run, views), scores.as_ref())?;
+                let images = self.render_run(gaussians, group.samples, &run, views, scores.as_ref())?;
                 group.add_rendering(&images);
-                self.compare_intermediate_in_graph(images, (&run, views), group);
+                self.compare_intermediate_in_graph(images, &run, views, group);
                 group.seconds.losses += group.clock.lap();
             }
             return Ok(());
@@ -276,7 +276,8 @@ impl Objective {
         &self,
         gaussians: &GaussianTensors,
         samples: &[Sample],
-        (run, views): (&Run, usize),
+        run: &Run,
+        views: usize,
         scores: Option<&Tensor<2>>,
     ) -> Result<RenderedTensors, SampleFailure> {
         let scalars = scores.map(|scores| scalars(scores.clone().slice_dim(0, run.samples.clone()), gaussians));

@@ -26,7 +26,8 @@ pub(crate) fn frozen(config: &TrainConfig, model: &ModelConfig) -> Result<Stored
 pub(super) fn require_same(
     given: &StoredTensors,
     exact: &StoredTensors,
-    (weights, backbone): (&Path, &Path),
+    weights: &Path,
+    backbone: &Path,
 ) -> Result<(), TrainError> {
     let mut others = Vec::new();
     for (name, tensor) in &given.tensors {

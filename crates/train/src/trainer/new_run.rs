@@ -101,7 +101,7 @@ fn given_parameters(run: &Run<'_>, file: &TensorFile) -> Result<Initial, TrainEr
     let mut parameters = parameters.map_err(|error| error.in_file(&file.path))?;
     if let Some(backbone) = &config.model.backbone {
         let exact = frozen(config, model)?;
-        require_same(parameters.frozen(), &exact, (&file.path, backbone))?;
+        require_same(parameters.frozen(), &exact, &file.path, backbone)?;
         parameters = parameters.with_frozen(exact);
     }
     require_f16(&parameters, &file.path)?;

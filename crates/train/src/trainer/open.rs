@@ -24,7 +24,8 @@ use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
 impl Trainer {
     /// Opens a run whose start was checked, and which a program of this `commit`, if it is known, computes on a processor.
     pub(super) fn open(
-        (processor, commit): (Processor, Option<&str>),
+        processor: Processor,
+        commit: Option<&str>,
         config: TrainConfig,
         samples: Box<dyn Source>,
         folder: &Path,

@@ -145,7 +145,7 @@ impl Trainer {
         let (groups, digest) = Computed::joined(parts.into_iter().collect::<Result<_, SkippedStep>>()?);
         record.samples_sha256 = Some(digest);
         let gradients = layout.unflattened(&sum);
-        let norm = update(&mut self.state, (&gradients, numbers.len()), record.rate, &self.config);
+        let norm = update(&mut self.state, &gradients, numbers.len(), record.rate, &self.config);
         complete(record, norm, groups.into_iter().unzip())
     }
 
@@ -171,7 +171,7 @@ impl Trainer {
         let done = parts.map(Computed::joined).map(|(groups, digest)| {
             record.samples_sha256 = Some(digest);
             let gradient = sum.expect("the gradient of the first group");
-            let norm = device_state.update(self.state.updates, (gradient, numbers.len()), record.rate, &self.config);
+            let norm = device_state.update(self.state.updates, gradient, numbers.len(), record.rate, &self.config);
             (norm, groups.into_iter().unzip())
         });
         self.device_state = Some(device_state);
