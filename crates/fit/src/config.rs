@@ -113,7 +113,7 @@ pub struct FitConfig {
     /// The scene's extent in the unit of length of the views; `None` is 3DGS' radius of the cameras, or half the
     /// median depth of the initial Gaussians if that is more.
     pub extent: Option<f64>,
-    /// Most Gaussians: MCMC's budget, and where the other strategies stop with [`crate::StopReason::TooManyGaussians`].
+    /// Largest number of Gaussians: MCMC's budget, and where the other strategies stop with [`crate::StopReason::TooManyGaussians`].
     pub max_gaussians: usize,
     /// Limit on the bytes of parameters, gradients, images ([`crate::TrainingViews`]) and the CPU's renderer; the
     /// renderer of a graphics adapter has another limit.

@@ -31,7 +31,8 @@ pub struct PhotometricLoss {
 }
 
 impl PhotometricLoss {
-    /// The loss of an image; its gradient replaces the contents of `gradient`. Both images have `size`, row by row.
+    /// The loss of an image, RGB row by row, as the truth; `weight` is λ, in [0, 1]. The gradient with respect to `render` replaces the
+    /// contents of `gradient`.
     ///
     /// # Panics
     /// If an image has another number of pixels.

@@ -30,7 +30,7 @@ pub struct FitRecord {
     pub start_gaussians: usize,
     /// Initial Gaussians that were removed because they are broken, when their file was read or later.
     pub dropped: usize,
-    /// Of the scene, in units of the data.
+    /// Extent of the scene, in units of the data.
     pub extent: f64,
     /// Its extent is in units of the data; its renderer's constants are those of the optimisation, Mip-Splatting's blur included, near
     /// and far in the unit of length of the views, which is the network's after `--refine`.
@@ -40,7 +40,7 @@ pub struct FitRecord {
     pub steps: u64,
     pub file: PathBuf,
     pub gaussians: usize,
-    /// Of the training views in the data's world, if cameras or exposures were optimised.
+    /// Corrected cameras and exposures of the training views, if these were optimised.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<Correction>,
     /// Mean PSNR of the last step on each training view, in dB, with the number of views that it is over and that it leaves out.
@@ -73,9 +73,9 @@ pub struct FitInputs {
 pub struct Correction {
     /// Name of the view.
     pub view: String,
-    /// Row-major 3×4 matrix.
+    /// The optimised pose in the data's world, rows of the 3×4 matrix `[R | t]`.
     pub camera_from_world: Vec<f64>,
-    /// As 3DGS stores it.
+    /// The 3×4 array of 3DGS' exposure ([`atsplat_splat::Exposure::from_3dgs`]); `None` unless it was optimised.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<[[f64; 4]; 3]>,
 }

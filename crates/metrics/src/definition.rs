@@ -47,7 +47,7 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// That of the metric with this id; [`Self::Unit`] for metrics of other versions.
+    /// The scale of the metric with this id; [`Self::Unit`] for metrics of other versions.
     pub fn of(metric: &str) -> Self {
         definition(metric).map_or(Self::Unit, |definition| definition.scale)
     }

@@ -43,7 +43,7 @@ impl Networks {
         loaded.ok_or_else(|| absent().unwrap_or_else(|| WeightsAbsent::new(network, Vec::new())))
     }
 
-    /// Those that were loaded.
+    /// The networks that were loaded.
     pub fn loaded(&self) -> impl Iterator<Item = &Lpips> {
         self.loaded.iter().map(Arc::as_ref)
     }

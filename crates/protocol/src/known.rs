@@ -17,7 +17,7 @@ pub struct KnownIndex {
     pub sha256: Sha256Digest,
     /// [`crate::EvaluationIndex::content_hash`], so that a reformatted copy is recognised too.
     pub content: Sha256Digest,
-    /// Fewest and most targets of an entry.
+    /// Smallest and largest number of targets of an entry.
     pub targets: (usize, usize),
     /// What to know before comparing numbers on it.
     pub notes: &'static str,

@@ -77,7 +77,7 @@ pub struct FileCamera {
     pub name: String,
     /// Pose, intrinsics and lens distortion.
     pub camera: Camera,
-    /// In pixels, if known from the file or the image.
+    /// Size of the image in pixels, if known from the file or the image.
     pub size: Option<ImageSize>,
     /// The 3×4 array of 3DGS' exposure.
     pub exposure: Option<[[f64; 4]; 3]>,

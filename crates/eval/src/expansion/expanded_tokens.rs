@@ -14,9 +14,9 @@ pub struct ExpandedToken {
     pub block: usize,
     /// Predicted uncertainty, if the block scores tokens.
     pub score: Option<f32>,
-    /// In the context cameras' world frame.
+    /// Position of the parent in the world frame of the context cameras.
     pub parent: DVec3,
-    /// As many as the configuration sets.
+    /// Positions of the children in the same frame, as many as the configuration sets.
     pub children: Vec<DVec3>,
 }
 
@@ -25,9 +25,9 @@ pub struct ExpandedToken {
 pub struct ProjectedToken {
     /// Same as [`ExpandedToken::block`].
     pub block: usize,
-    /// Inside the image.
+    /// Position of the parent, which is inside the image.
     pub parent: [f64; 2],
-    /// Those in front of the camera, inside the image or not.
+    /// Positions of the children in front of the camera, inside the image or not.
     pub children: Vec<[f64; 2]>,
 }
 

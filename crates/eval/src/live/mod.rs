@@ -38,7 +38,7 @@ pub struct LiveCamera {
     pub context: bool,
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// In pixels.
+    /// Horizontal and vertical focal length in pixels.
     pub focal: [f64; 2],
     /// The principal point that the renderer uses, in pixels.
     pub principal: [f64; 2],

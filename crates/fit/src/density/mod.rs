@@ -68,7 +68,7 @@ pub struct StepContext {
     pub step: u64,
     /// When things happen.
     pub schedule: Schedule,
-    /// The scene's extent.
+    /// The scene's extent, in the unit of length of the views.
     pub extent: f64,
     /// Learning rate of the means in scene units.
     pub means_rate: f64,
@@ -76,7 +76,7 @@ pub struct StepContext {
     pub white: bool,
     /// Seed of the run.
     pub seed: u64,
-    /// Most Gaussians.
+    /// Largest number of Gaussians.
     pub limit: usize,
 }
 

@@ -16,9 +16,9 @@ const FOLDER: &str = "folder";
 /// first.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Moved {
-    /// Of the data, by the name of the preset.
+    /// Both places of the data, by the name of the preset.
     pub data: BTreeMap<String, [String; 2]>,
-    /// Of imported files, by the name of the method.
+    /// Both places of imported files, by the name of the method.
     pub files: BTreeMap<String, [String; 2]>,
 }
 

@@ -21,7 +21,7 @@ pub struct SceneMean {
     pub weight: f64,
     /// Targets that were compared.
     pub targets: u64,
-    /// Those that are bit-identical to the ground truth.
+    /// Compared targets whose render is bit-identical to the ground truth.
     pub identical: u64,
 }
 

@@ -134,7 +134,7 @@ pub(crate) struct Effects {
     /// Seconds during which the shutter is open.
     shutter: Option<f64>,
     noise: Option<SensorNoise>,
-    /// Of all draws for single pixels.
+    /// Seed of all draws for single pixels.
     pub seed: u64,
 }
 

@@ -45,7 +45,7 @@ impl<'a> GroupInput<'a> {
 pub struct GroupGradients {
     /// The loss of each sample.
     pub terms: Vec<Terms>,
-    /// By parameter name, in the layout of weights files; a parameter that no loss depends on is absent.
+    /// Gradients by parameter name, in the layout of weights files; a parameter that no loss depends on is absent.
     pub gradients: IndexMap<String, Vec<f32>>,
     /// Time taken.
     pub seconds: PartSeconds,
@@ -56,7 +56,7 @@ pub struct GroupGradients {
 pub struct FlatGradient<G> {
     /// The loss of each sample.
     pub terms: Vec<Terms>,
-    /// In the order of [`Network::flat`].
+    /// The gradient in the order of [`Network::flat`].
     pub gradient: G,
     /// Time taken until the device had computed the losses and accepted the rest.
     pub seconds: PartSeconds,

@@ -8,19 +8,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Terms {
-    /// All terms with their weights.
+    /// Sum of all terms with their weights.
     pub total: f64,
-    /// Of the final renders.
+    /// Mean squared error of the final renders, for colours in [0, 1].
     pub mse: f64,
-    /// Of the final renders.
+    /// Perceptual loss of the final renders: LPIPS, ST-LPIPS or `1 − SSIM`, whichever is configured.
     pub perceptual: f64,
-    /// Sum over the intermediate sets.
+    /// Mean squared errors of the intermediate renders, summed over the intermediate sets of Gaussians.
     pub intermediate_mse: f64,
-    /// Sum over the intermediate sets.
+    /// `1 − SSIM` of the intermediate renders, summed over these sets.
     pub intermediate_d_ssim: f64,
-    /// Sum over the intermediate sets.
+    /// Loss of the predicted uncertainty, summed over these sets.
     pub uncertainty: f64,
-    /// Of the anchors, where exact distances are known.
+    /// Loss of the logarithms of the anchors' distances; 0 if its weight is 0.
     #[serde(default)]
     pub distance: f64,
 }

@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ViewChoice {
-    /// Fewest and most context views; each sample draws a number between them, and fewer views get narrower windows
+    /// Smallest and largest number of context views; each sample draws a number between them, and fewer views get narrower windows
     /// (depthsplat `view_sampler_bounded_v2.py:93-127`).
     pub context: [NonZeroUsize; 2],
     /// Number of target views.
     pub targets: NonZeroUsize,
     /// Gap between the first and the last context view, in frames of the source.
     pub gaps: GapSchedule,
-    /// Least distance of targets inside the window from its ends, in frames; with two context views, 1 keeps them from being targets.
+    /// Smallest distance of targets inside the window from its ends, in frames; with two context views, 1 keeps them from being targets.
     /// Not together with `outside`.
     #[serde(default)]
     pub inset: usize,
