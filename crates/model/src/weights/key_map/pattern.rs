@@ -1,7 +1,8 @@
 use std::fmt;
 
-/// Limits that keep matching fast for any file.
+/// The longest name in bytes. Both limits keep matching fast for any file.
 const MAX_NAME: usize = 256;
+/// The most wildcards of a pattern.
 const MAX_WILDCARDS: usize = 3;
 
 /// A name with wildcards: `*` matches one or more characters except dots, `**` one or more of any.
@@ -70,11 +71,14 @@ impl Pattern {
     fn checked(self, text: &str) -> Result<Self, String> {
         let adjacent =
             self.pieces.windows(2).any(|pair| pair.iter().all(|piece| matches!(piece, Piece::Wildcard { .. })));
-        match () {
-            () if self.pieces.is_empty() => Err("an empty name".to_owned()),
-            () if text.len() > MAX_NAME => Err(format!("a name of {} bytes", text.len())),
-            () if adjacent => Err(format!("two adjacent wildcards in {text:?}")),
-            () => Ok(self),
+        if self.pieces.is_empty() {
+            Err("an empty name".to_owned())
+        } else if text.len() > MAX_NAME {
+            Err(format!("a name of {} bytes", text.len()))
+        } else if adjacent {
+            Err(format!("two adjacent wildcards in {text:?}"))
+        } else {
+            Ok(self)
         }
     }
 
