@@ -17,9 +17,9 @@ impl Plan<'_> {
         if requested.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
             return None;
         }
-        let unsupported_trials = results.unsupported();
+        let unsupported_keys = results.unsupported_keys();
         let (unsupported, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
-            requested.into_iter().partition(|row| unsupported_trials.contains(&row.key));
+            requested.into_iter().partition(|row| unsupported_keys.contains(&row.key));
         if let Some(first) = failed.first() {
             return Some(why_failed(&failed, first));
         }

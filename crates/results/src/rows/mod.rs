@@ -89,13 +89,13 @@ impl Results {
     }
 
     /// The trials that their method does not support. Their targets have no scores, which does not count as a failure.
-    pub(crate) fn not_applicable(&self) -> impl Iterator<Item = &TrialRow> {
+    pub(crate) fn unsupported_trials(&self) -> impl Iterator<Item = &TrialRow> {
         self.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable)
     }
 
     /// The keys of the trials that their method does not support, to tell their targets apart from failed ones.
-    pub fn unsupported(&self) -> BTreeSet<&TrialKey> {
-        self.not_applicable().map(|trial| &trial.key).collect()
+    pub fn unsupported_keys(&self) -> BTreeSet<&TrialKey> {
+        self.unsupported_trials().map(|trial| &trial.key).collect()
     }
 }
 

@@ -154,9 +154,9 @@ impl Row {
         targets: &[&TargetRow],
     ) -> Self {
         let means_of = |leaked| means(results, [&preset.name, &method.name], protocol.aggregation, leaked);
-        let unsupported_trials = results.unsupported();
+        let unsupported_keys = results.unsupported_keys();
         let (unsupported, supported): (Vec<&TargetRow>, Vec<&TargetRow>) =
-            targets.iter().copied().partition(|row| unsupported_trials.contains(&row.key));
+            targets.iter().copied().partition(|row| unsupported_keys.contains(&row.key));
         let count = |status| supported.iter().filter(|row| row.status == status).count();
         let others: Vec<&TargetRow> = targets.iter().copied().filter(|row| !row.leaked).collect();
         let leaked = targets.len() - others.len();

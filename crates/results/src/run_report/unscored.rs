@@ -39,8 +39,8 @@ struct Case<'a> {
 /// weights are not among them.
 pub(super) fn unscored(results: &Results) -> Vec<Unscored> {
     let skipped = results.provenance.skipped.iter().map(Case::skipped);
-    let not_applicable = results.not_applicable().map(Case::not_applicable);
-    let unsupported = results.unsupported();
+    let not_applicable = results.unsupported_trials().map(Case::not_applicable);
+    let unsupported = results.unsupported_keys();
     let failed = results.targets.iter().filter(|row| row.status == TargetStatus::Failed);
     let failed = failed.filter(|row| !unsupported.contains(&row.key)).map(Case::failed);
     let metrics = &results.provenance.metrics;

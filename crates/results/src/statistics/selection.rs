@@ -79,7 +79,7 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
     let record = results.provenance.metrics.iter().find(|record| record.id == metric);
     let is_requested = record.is_some() || rows().any(|row| row.scores.contains_key(metric));
     let absent = record.and_then(|record| record.absent.as_deref()).unwrap_or("not among the metrics of this run");
-    let unsupported = results.unsupported();
+    let unsupported = results.unsupported_keys();
     let counts = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
     let of_row = |row: &'a TargetRow| SelectedTarget {
         scene: &row.key.scene,

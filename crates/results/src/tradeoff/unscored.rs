@@ -6,7 +6,7 @@ use crate::{Results, TargetRow, TargetStatus};
 /// Why none of a method's targets has a score: for each cause the number of targets, and what the first of them says.
 pub(super) fn why_unscored(results: &Results, query: &MetricQuery<'_>, summary: &Summary) -> String {
     let MetricQuery { preset, method, metric, leaked, identical: _ } = *query;
-    let unsupported = results.unsupported();
+    let unsupported = results.unsupported_keys();
     let is_kept = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
     let targets: Vec<&TargetRow> = results.targets_of(preset, method).filter(is_kept).collect();
     let first = |status: TargetStatus, is_supported: bool| {

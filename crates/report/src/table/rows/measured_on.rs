@@ -148,7 +148,7 @@ impl<'a> MethodRun<'a> {
     fn targets_without_score(self) -> String {
         let targets: Vec<&TargetRow> = self.targets().collect();
         let with = |status| targets.iter().filter(move |row| row.status == status);
-        let unsupported = self.results().unsupported();
+        let unsupported = self.results().unsupported_keys();
         let (not_applicable, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
             with(TargetStatus::Failed).copied().partition(|row| unsupported.contains(&row.key));
         // Copies of a context view are common among targets; here only where a scene has nothing else.
