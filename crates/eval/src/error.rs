@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{FileError, Malformed};
+use atsplat_numeric::counted;
 use atsplat_results::ResultsError;
 use thiserror::Error;
 
@@ -37,9 +38,7 @@ pub enum EvalError {
     #[error("the run was stopped; the same command with the same folder resumes it")]
     Stopped,
     /// Existing results that a run would keep were computed from data that has changed since.
-    #[error(
-        "{count} results were computed from data that has changed since: {first}; {advice}, or choose another folder"
-    )]
+    #[error("the data of {} has changed: {first}; {advice}, or choose another folder", counted(*count as u64, "result"))]
     DataChanged { count: usize, first: String, advice: &'static str },
     /// An unknown name.
     #[error("{what}: expected one of {}, found {found:?}", known.join(", "))]

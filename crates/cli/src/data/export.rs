@@ -3,6 +3,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
+use atsplat_numeric::counted;
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::inspect::left_out;
 use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, STAGES, export_chunks};
@@ -132,17 +133,17 @@ fn is_read_first(out: &Path, data: &Path) -> io::Result<bool> {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let skipped = match self {
-            Self::Table(summary) => {
-                writeln!(f, "{} scenes, {} frames, {} bytes", summary.scenes, summary.frames, summary.bytes)?;
-                summary.skipped
+            Self::Table(ExportSummary { scenes, skipped, frames, bytes }) => {
+                writeln!(f, "{}, {}, {bytes} bytes", counted(*scenes, "scene"), counted(*frames, "frame"))?;
+                *skipped
             }
             Self::Chunks { chunks, scenes, skipped } => {
-                writeln!(f, "{scenes} scenes in {chunks} chunks")?;
+                writeln!(f, "{} in {}", counted(*scenes as u64, "scene"), counted(*chunks as u64, "chunk"))?;
                 *skipped
             }
         };
         if skipped > 0 {
-            writeln!(f, "{skipped} scenes skipped")?;
+            writeln!(f, "{} skipped", counted(skipped, "scene"))?;
         }
         Ok(())
     }

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::ensure;
+use atsplat_numeric::counted;
 use atsplat_report::plot::{HistogramPanel, Histograms};
 use atsplat_rooms::motion_report::{ClipGroup, MOTION_MEASURES, MotionMeasure, MotionReport};
 use atsplat_rooms::{SceneKind, Split};
@@ -127,9 +128,9 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.motion)?;
         for NotRead { group, unreadable, left_out } in &self.not_read {
-            for (count, what) in [(unreadable, "could not be read"), (left_out, "were left out")] {
-                if *count > 0 {
-                    writeln!(f, "{group}: {count} scenes {what}")?;
+            for (count, what) in [(*unreadable, "could not be read"), (*left_out, "left out")] {
+                if count > 0 {
+                    writeln!(f, "{group}: {} {what}", counted(count, "scene"))?;
                 }
             }
         }

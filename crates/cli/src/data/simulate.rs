@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
 use atsplat_files::FolderLock;
+use atsplat_numeric::counted;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
     CostSummary, EffectChoice, EffectKind, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request,
@@ -340,7 +341,8 @@ impl fmt::Display for Report {
             costs.fmt(f)?;
         }
         let frames: usize = self.scenes.iter().map(|record| record.scene.frames).sum();
-        writeln!(f, "{} scenes, {frames} frames, in {}", self.scenes.len(), self.folder.display())
+        let (scenes, frames) = (counted(self.scenes.len() as u64, "scene"), counted(frames as u64, "frame"));
+        writeln!(f, "{scenes}, {frames}, in {}", self.folder.display())
     }
 }
 

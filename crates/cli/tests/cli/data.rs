@@ -27,7 +27,7 @@ fn inspects_and_exports_a_trajectory_folder() {
     for out in ["cameras.parquet", "cameras.arrow", "cameras.csv"] {
         let text = succeed(here, &["data", "export", "data", out]);
         assert!(text.starts_with("2 scenes, 50 frames, "), "{text}");
-        assert!(text.contains("1 scenes skipped"), "{text}");
+        assert!(text.contains("1 scene skipped"), "{text}");
     }
     let csv = std::fs::read_to_string(here.join("cameras.csv")).unwrap();
     assert_eq!(csv.lines().count(), 51, "a header and a line per frame");
@@ -119,7 +119,7 @@ fn writes_chunks_without_the_broken_scene() {
     }
     assert!(!here.join("data/000000.torch").exists() && !here.join("data/test").exists());
     let text = succeed(here, &["data", "export", "data", "chunks", "--chunks"]);
-    assert!(text.contains("2 scenes in 1 chunks") && text.contains("1 scenes skipped"), "{text}");
+    assert!(text.contains("2 scenes in 1 chunk\n") && text.contains("1 scene skipped"), "{text}");
     let chunk = Chunk::open(here.join("chunks/000000.torch"), &mut Warnings::new()).unwrap();
     assert_eq!(chunk.keys(), ["a", "c"]);
     assert_eq!(atsplat(here, &["data", "export", "data", "again", "--chunks", "--strict"]).code, 4);
@@ -141,7 +141,7 @@ fn images_that_are_cut_short_are_found_without_decoding() {
     assert!(inspected.stdout.contains("3 headers read, 1 cut short"), "{}", inspected.stdout);
     assert!(inspected.stdout.contains("frame 1: cut short: a PNG of "), "{}", inspected.stdout);
     let exported = strict(&["data", "export", "data", "chunks", "--chunks"]);
-    assert!(exported.code == 4 && exported.stdout.contains("1 scenes in 1 chunks"), "{}", exported.stderr);
+    assert!(exported.code == 4 && exported.stdout.contains("1 scene in 1 chunk\n"), "{}", exported.stderr);
     assert!(
         exported.stderr.contains("unreadable-image") && exported.stderr.contains("33367.png"),
         "{}",

@@ -64,7 +64,7 @@ fn strict_counts_scenes_of_another_format() {
     check("mixed", 2);
     for (args, text) in [
         (&["data", "inspect", "data"][..], "1 listed: 1 read; 2 left out\n"),
-        (&["data", "motion", "data"], "data: 2 scenes were left out\n"),
+        (&["data", "motion", "data"], "data: 2 scenes left out\n"),
         (&["data", "export", "data", "again.csv"], "2 scenes skipped\n"),
         (
             &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "again.json"],
@@ -139,7 +139,7 @@ fn motion_counts_unreadable_scenes_and_fails_without_any() {
     let (code, report) = strict_json(here, &["data", "motion", "data"]);
     assert_eq!(code, 4);
     assert_eq!(report["not-read"], json!([{ "group": "data", "unreadable": 1, "left-out": 0 }]));
-    assert!(succeed(here, &["data", "motion", "data"]).ends_with("data: 1 scenes could not be read\n"));
+    assert!(succeed(here, &["data", "motion", "data"]).ends_with("data: 1 scene could not be read\n"));
     std::fs::remove_file(here.join("cut/a.txt")).unwrap();
     let nothing = atsplat(here, &["data", "motion", "cut"]);
     assert_eq!(nothing.code, 1, "{}", nothing.stderr);

@@ -161,7 +161,7 @@ fn a_route_of_several_scenes_is_chosen_by_its_own_option() {
     let said = "routes contains 2 scenes (a, b …): choose one with --route-key\n";
     assert!(outcome.code == 1 && outcome.stderr.contains(said), "{}", outcome.stderr);
     let message = succeed(here, &[&args[..], &["--route-key", "b"]].concat());
-    assert!(message.contains("1 scenes, 2 frames"), "{message}");
+    assert!(message.contains("1 scene, 2 frames"), "{message}");
 }
 
 #[test]
@@ -171,6 +171,6 @@ fn simulated_cameras_follow_a_given_route() {
     write_trajectory(&here.join("route.txt"), 5);
     let args = ["data", "simulate", "out", "--scenes", "3..4", "--route", "route.txt", "--size", "24x16", "--depth"];
     let message = succeed(here, &args);
-    assert!(message.starts_with("rooms-test-00000003: ") && message.contains("1 scenes, 5 frames"), "{message}");
+    assert!(message.starts_with("rooms-test-00000003: ") && message.contains("1 scene, 5 frames"), "{message}");
     assert_eq!(here.join("out/depth/rooms-test-00000003").read_dir().unwrap().count(), 5);
 }

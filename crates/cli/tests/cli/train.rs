@@ -462,7 +462,10 @@ fn the_log_names_each_replaced_scene_with_its_reason_and_each_sample_with_its_st
     let silent = log("--threads=1", "silent");
     assert!(silent.contains(advice) && !silent.contains("replaced a draw"), "{silent}");
     let brief = log("-v", "brief");
-    assert!(brief.contains("; their scenes: 2, such as ") && !brief.contains(advice), "{brief}");
+    assert!(
+        brief.contains(" of 2 scenes replaced because they gave no sample, such as ") && !brief.contains(advice),
+        "{brief}"
+    );
     assert!(!brief.contains("drew a sample"), "{brief}");
     for key in broken {
         let scene = format!("replaced a draw that gave no sample scene=\"{key}\" reason=\"{key}, frames ");

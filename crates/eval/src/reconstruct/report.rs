@@ -5,7 +5,7 @@ use std::time::Instant;
 use atsplat_model::ImageSize;
 use atsplat_model::budget::MemoryEstimate;
 use atsplat_model::network::Processor;
-use atsplat_numeric::format_bytes;
+use atsplat_numeric::{counted, format_bytes};
 use atsplat_results::AdapterRecord;
 use serde::Serialize;
 
@@ -133,10 +133,11 @@ impl fmt::Display for Report {
         let (count, degree, file) = (output.gaussians, output.sh_degree, output.file.display());
         writeln!(f, "{count} Gaussians of degree {degree} in the {frame}'s frame into {file}")?;
         if let Some(renders) = renders {
-            writeln!(f, "{} images into {}", renders.files.len(), renders.folder.display())?;
+            let images = counted(renders.files.len() as u64, "image");
+            writeln!(f, "{images} into {}", renders.folder.display())?;
         }
         if let Some(plots) = plots {
-            writeln!(f, "{} plots into {}", plots.files.len(), plots.folder.display())?;
+            writeln!(f, "{} into {}", counted(plots.files.len() as u64, "plot"), plots.folder.display())?;
         }
         if self.explain { self.write_explanation(f) } else { Ok(()) }
     }

@@ -1,6 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use atsplat_numeric::counted;
 use atsplat_scene::camera_file::CameraRecord;
 use atsplat_splat::GaussianCounts;
 use atsplat_splat::effects::{EffectSummary, Explanation};
@@ -120,7 +121,7 @@ impl fmt::Display for Report {
         }
         writeln!(f)?;
         if failed > 0 {
-            writeln!(f, "{failed} frames failed")?;
+            writeln!(f, "{} failed", counted(failed as u64, "frame"))?;
         }
         record.effects.fmt(f)?;
         GaussianCountsTable { counts: record.gaussian_counts, gaussians: scene.gaussians }.fmt(f)?;

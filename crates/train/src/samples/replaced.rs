@@ -1,6 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
+use atsplat_numeric::counted;
+
 /// Draws of scenes that gave no sample, each replaced by another draw.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReplacedDraws {
@@ -34,7 +36,8 @@ impl ReplacedDraws {
 
 impl fmt::Display for ReplacedDraws {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} draws gave no sample and were replaced; their scenes: {}", self.count, self.scenes.len())?;
+        let (draws, scenes) = (counted(self.count, "draw"), counted(self.scenes.len() as u64, "scene"));
+        write!(f, "{draws} of {scenes} replaced because they gave no sample")?;
         match self.scenes.first_key_value() {
             Some((_, reason)) => write!(f, ", such as {reason}"),
             None => Ok(()),

@@ -382,7 +382,12 @@ fn draws_of_scenes_with_too_few_frames_are_counted() {
     assert!((2..100).contains(&replaced.count), "{replaced}");
     let reason = "rooms-train-00000001: needs 5 frames, has 4";
     assert_eq!(replaced.scenes, BTreeMap::from([("rooms-train-00000001".to_owned(), reason.to_owned())]));
-    assert!(replaced.to_string().ends_with(&format!("were replaced; their scenes: 1, such as {reason}")), "{replaced}");
+    assert!(
+        replaced
+            .to_string()
+            .ends_with(&format!("draws of 1 scene replaced because they gave no sample, such as {reason}")),
+        "{replaced}"
+    );
     let mixture = Mixture::new(vec![(1.0, Box::new(source))], false, None).unwrap();
     assert_eq!(mixture.replaced(), replaced, "of a run's data");
     let simulated = rooms(1, "");
