@@ -57,7 +57,7 @@ pub enum CameraFileError {
         /// The file.
         path: PathBuf,
     },
-    /// The lens of poses is not possible.
+    /// The lens for files that contain only poses is impossible.
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// The dataset cannot be read.
