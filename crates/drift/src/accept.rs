@@ -8,9 +8,9 @@ use atsplat_results::Results;
 use super::probe::Recipe;
 use super::{Acceptance, AcceptanceReport, Baseline, DriftError, acceptable, compare};
 
-/// Results that become a baseline, and what is kept with them.
+/// Results that become a baseline, and what the baseline has besides them.
 #[derive(Clone, Debug)]
-pub struct Accepting<'a> {
+pub struct NewBaseline<'a> {
     /// The results.
     pub results: &'a Results,
     /// Those of repetitions of the run, which passed [`super::check_repetition`].
@@ -34,7 +34,7 @@ pub enum ProbeChoice {
     Recipe(Recipe),
 }
 
-impl Accepting<'_> {
+impl NewBaseline<'_> {
     /// Writes the baseline, which continues the history of the one `before` it, if there was one.
     ///
     /// # Errors

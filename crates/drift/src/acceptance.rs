@@ -232,7 +232,7 @@ impl fmt::Display for AcceptanceReport {
         for limit in limits {
             let is_kept = *keeps_limits && limit.is_estimated();
             writeln!(f, "{limit}{}", if is_kept { "; kept from an earlier acceptance" } else { "" })?;
-            if let Some(times) = limit.wide() {
+            if let Some(times) = limit.times_least_limit() {
                 let advice = if limit.is_stated() { "" } else { "; more repeated runs estimate it better" };
                 writeln!(
                     f,

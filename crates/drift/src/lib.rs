@@ -4,7 +4,7 @@
 //! A [`Baseline`] is a JSON file with one row per line, so that its diff shows the changes. Rows of a deterministic method are
 //! compared bit by bit on the machine type that produced them and within a stated bound on another; all others by paired
 //! intervals against limits from repeated runs ([`Limit`]). Any significant change, for better or worse, is drift and has to be
-//! reviewed and [accepted](Accepting::write) with a reason. [`DriftReport::changes`] says what changed, from the data and the
+//! reviewed and [accepted](NewBaseline::write) with a reason. [`DriftReport::changes`] says what changed, from the data and the
 //! protocol to the methods; [`DriftReport::data`] lists changed images, and [`probe`] finds the changed stage. If nothing could
 //! be compared, the verdict is [`DriftVerdict::Nothing`] rather than [`DriftVerdict::Same`].
 
@@ -32,7 +32,7 @@ mod rows;
 #[cfg(test)]
 mod tests;
 
-pub use accept::{Accepting, ProbeChoice};
+pub use accept::{NewBaseline, ProbeChoice};
 pub use acceptance::{Acceptance, AcceptanceReport, acceptable};
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord, TargetGrouping};
 pub use change::{Cause, Change};

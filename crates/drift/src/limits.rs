@@ -135,7 +135,7 @@ impl Limit {
     }
 
     /// How many times the least limit it is, if that is so much that changes of that size would go unnoticed.
-    pub fn wide(&self) -> Option<f64> {
+    pub fn times_least_limit(&self) -> Option<f64> {
         let times = self.limit / least_limit(&self.metric);
         (times > WIDE).then_some(times)
     }
@@ -253,7 +253,7 @@ mod tests {
     fn limits_of_more_than_ten_times_the_least_are_wide() {
         let of = |metric: &str, limit| {
             let (preset, method, metric) = ("p".to_owned(), "m".to_owned(), metric.to_owned());
-            Limit { preset, method, metric, limit, origin: LimitOrigin::Estimated(2), scene: None }.wide()
+            Limit { preset, method, metric, limit, origin: LimitOrigin::Estimated(2), scene: None }.times_least_limit()
         };
         assert_eq!([of("psnr", 0.09), of("ssim", 0.0045)], [None; 2]);
         Tolerance::relative(1e-9).assert([of("psnr", 0.5).unwrap(), of("ssim", 0.05).unwrap()], [50.0, 100.0], "times");

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use atsplat_drift::probe::Pipeline;
-use atsplat_drift::{Accepting, Baseline, DriftError, ProbeChoice, check_repetition, compare};
+use atsplat_drift::{Baseline, DriftError, NewBaseline, ProbeChoice, check_repetition, compare};
 use atsplat_eval::runner::current_provenance;
 use atsplat_files::FileLock;
 use atsplat_metrics::definition_in_any_case;
@@ -60,9 +60,9 @@ pub(crate) fn accept_baseline(
         let before = Baseline::read_if_exists(&baseline)?;
         let results = Results::read(&store)?;
         let repeats = repetitions(&results, &repeats)?;
-        let accepting =
-            Accepting { results: &results, repeats: &repeats, limits: &limits, why: &why, probe: ProbeChoice::Kept };
-        let accepted = accepting.write(&baseline, before.as_ref()).map_err(|error| match error {
+        let new_baseline =
+            NewBaseline { results: &results, repeats: &repeats, limits: &limits, why: &why, probe: ProbeChoice::Kept };
+        let accepted = new_baseline.write(&baseline, before.as_ref()).map_err(|error| match error {
             DriftError::Unacceptable { .. } => Failure::invalid("store", error),
             DriftError::Invalid { what: "limit", .. } => Failure::from(error).of_argument("limits"),
             error => error.into(),

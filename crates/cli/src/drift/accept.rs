@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use atsplat_drift::{Accepting, Baseline, ProbeChoice, acceptable, check_repetition};
+use atsplat_drift::{Baseline, NewBaseline, ProbeChoice, acceptable, check_repetition};
 use atsplat_results::Results;
 use clap::builder::NonEmptyStringValueParser;
 
@@ -79,8 +79,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     }
     let repeats = repeats(args, place, &results)?;
     let (limits, why) = (args.limit.as_slice(), args.why.as_str());
-    let accepting = Accepting { results: &results, repeats: &repeats, limits, why, probe };
-    print_report(&accepting.write(&args.baseline, before.as_ref())?, args.json)?;
+    let new_baseline = NewBaseline { results: &results, repeats: &repeats, limits, why, probe };
+    print_report(&new_baseline.write(&args.baseline, before.as_ref())?, args.json)?;
     Ok(Exit::Done)
 }
 

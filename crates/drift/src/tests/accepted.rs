@@ -121,8 +121,8 @@ fn a_baseline_has_the_probe_of_the_old_one_or_the_smallest() {
     let results = store(true, 4, 0.0, 1);
     let accept = |probe: ProbeChoice| {
         let before = Baseline::read_if_exists(&path).unwrap();
-        let accepting = Accepting { results: &results, repeats: &[], limits: &[], why: "right", probe };
-        accepting.write(&path, before.as_ref()).unwrap();
+        let new_baseline = NewBaseline { results: &results, repeats: &[], limits: &[], why: "right", probe };
+        new_baseline.write(&path, before.as_ref()).unwrap();
         let written = Baseline::read(&path).unwrap();
         (written.history.len(), written.read_probe(&path).unwrap().map(|(recipe, _)| recipe))
     };
@@ -142,8 +142,8 @@ fn what_cannot_be_accepted_writes_nothing() {
     unfinished.provenance.presets[0].entries = 5;
     let limits = [("psnr".to_owned(), 0.05)];
     let error = |results: &Results, limits: &[(String, f64)], why: &str| {
-        let accepting = Accepting { results, repeats: &[], limits, why, probe: ProbeChoice::None };
-        let error = accepting.write(&path, None).unwrap_err().to_string();
+        let new_baseline = NewBaseline { results, repeats: &[], limits, why, probe: ProbeChoice::None };
+        let error = new_baseline.write(&path, None).unwrap_err().to_string();
         assert!(Baseline::read_if_exists(&path).unwrap().is_none(), "{error}");
         error
     };

@@ -64,7 +64,7 @@ fn mean_centre(gaussians: &Gaussians, token: usize, per_token: usize) -> Option<
 ///
 /// # Errors
 /// [`ExpansionError::Camera`] for an invalid camera.
-pub fn seen_by(expanded_tokens: &[ExpandedToken], view: &View) -> Result<Vec<ProjectedToken>, ExpansionError> {
+pub fn projected_tokens(expanded_tokens: &[ExpandedToken], view: &View) -> Result<Vec<ProjectedToken>, ExpansionError> {
     let projector = view.camera.projector()?;
     let seen = |expanded: &ExpandedToken| {
         let parent = projector.project(expanded.parent).ok().filter(atsplat_camera::Projected::is_inside)?;

@@ -6,7 +6,7 @@ use glam::DVec2;
 
 use super::expanded_tokens::expanded_tokens;
 use super::uncertainty::uncertainty_of_block;
-use super::{ExpandedToken, ExpansionError, Subject, Uncertainty, seen_by};
+use super::{ExpandedToken, ExpansionError, Subject, Uncertainty, projected_tokens};
 
 /// Token expansion in one trial.
 #[derive(Clone, Debug)]
@@ -105,7 +105,7 @@ fn contrast(uncertainty: &Uncertainty) -> Option<f64> {
 
 /// `None` if the view sees no expanded token of which at least two children are in front of the camera.
 fn spread(expanded_tokens: &[ExpandedToken], view: &View) -> Result<Option<Spread>, ExpansionError> {
-    let seen = seen_by(expanded_tokens, view)?;
+    let seen = projected_tokens(expanded_tokens, view)?;
     let siblings = seen.iter().filter(|expanded| expanded.children.len() > 1);
     let (spreads, shifts): (Vec<f64>, Vec<f64>) = siblings
         .map(|expanded| {

@@ -26,7 +26,7 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Channels, Gaussians, RenderOptions, Rendering, View};
 use thiserror::Error;
 
-pub use expanded_tokens::{ExpandedToken, ProjectedToken, seen_by};
+pub use expanded_tokens::{ExpandedToken, ProjectedToken, projected_tokens};
 pub use gap::ExpansionGap;
 pub use measure::{BlockMeasurement, Spread, TrialMeasurement, measure_trial};
 pub use report::{BlockRow, ExpansionReport, MeanOverScenes, ThresholdRow};

@@ -5,7 +5,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::trial::{TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 
-use super::{ExpansionError, ProjectedToken, Subject, TargetStudy, seen_by, study};
+use super::{ExpansionError, ProjectedToken, Subject, TargetStudy, projected_tokens, study};
 use crate::live::LiveScene;
 
 /// The expansion of a scene's tokens, seen by one of its cameras.
@@ -64,7 +64,7 @@ pub fn study_trial(
         label: trial.scene().to_owned(),
         frame: first.frame,
         image: first.image()?,
-        expanded_tokens: seen_by(&studied.expanded_tokens, &view)?,
+        expanded_tokens: projected_tokens(&studied.expanded_tokens, &view)?,
         expanded: studied.expanded_tokens.len(),
         targets: targets.collect(),
     };

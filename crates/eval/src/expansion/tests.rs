@@ -88,7 +88,7 @@ fn families_are_projected_to_pixels() {
         expanded([1.0, 0.0, -1.0], &[[1.0, 0.0, 4.0]]),
         expanded([9.0, 0.0, 4.0], &[[1.0, 0.0, 4.0]]),
     ];
-    let seen = seen_by(&expanded_tokens, &view).unwrap();
+    let seen = projected_tokens(&expanded_tokens, &view).unwrap();
     let [only] = &seen[..] else { panic!("{seen:?}") };
     Tolerance::absolute(1e-9).assert(only.parent, [100.0, 50.0], "the middle");
     let children = only.children.concat();
