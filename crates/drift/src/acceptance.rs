@@ -151,7 +151,7 @@ fn verdict_of_numbers(report: &DriftReport) -> DriftVerdict {
     verdicts.filter(|verdict| *verdict != DriftVerdict::Nothing).max().unwrap_or(DriftVerdict::Nothing)
 }
 
-/// The findings that are drift, but for those of [`no_longer_guarded`].
+/// The findings that are drift, except for those of [`no_longer_guarded`].
 fn other_changes(report: &DriftReport) -> Vec<String> {
     let is_other = |finding: &&Finding| {
         finding.verdict == DriftVerdict::Drifted && !matches!(finding.kind, FindingKind::Missing | FindingKind::Score)

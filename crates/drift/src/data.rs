@@ -82,7 +82,7 @@ impl DataComparison {
     }
 }
 
-/// Compares the images of common scenes, but for those of presets in `others`, which preprocess images differently now.
+/// Compares the images of common scenes, except for those of presets in `others`, which preprocess images differently now.
 #[expect(clippy::expect_used, reason = "digests and roles come from the same rows")]
 pub(super) fn compare_images(results: &Results, baseline: &Baseline, others: &BTreeSet<&str>) -> DataComparison {
     let then = by_id(&baseline.images);

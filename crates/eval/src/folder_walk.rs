@@ -6,7 +6,7 @@ use std::{fmt, fs, io};
 
 /// Visits folders at any depth, each once. Links are followed last, so that a folder has its own name, and only to
 /// folders that were not visited yet, so that they cannot loop, and that do not contain the first one, which would lead through
-/// the whole file system. Hidden folders are left out, but for the first.
+/// the whole file system. Hidden folders are left out, except for the first.
 pub(crate) struct FolderWalk {
     /// The first folder, without links in its path; `None` if it cannot be found.
     start: Option<PathBuf>,

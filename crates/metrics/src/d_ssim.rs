@@ -266,7 +266,7 @@ impl Scratch {
     }
 }
 
-/// Twice a covariance, and the sum of the two variances, within what they can be but for [`ROUNDING`]: the sum is not negative,
+/// Twice a covariance, and the sum of the two variances, within what they can be except for [`ROUNDING`]: the sum is not negative,
 /// and bounds the other. Equal values stay equal, and NaN stays NaN.
 #[inline(always)]
 fn restricted(covariance: f32, variance: f32) -> (f32, f32) {

@@ -84,7 +84,7 @@ pub(crate) struct FormatReader {
     /// What makes a folder with this name a scene, for messages.
     pub(crate) required: fn(&str) -> String,
     pub(crate) images: ImagePlace,
-    /// What a folder without a whole scene has of one, but for images.
+    /// What a folder without a whole scene has of one, except images.
     pub(crate) part_of_scene: fn(&Path) -> Option<String>,
     /// [`Format::is_of_captures`].
     pub(crate) is_of_captures: bool,

@@ -86,7 +86,7 @@ pub enum WarningKind {
     /// Next to the scenes: a scene in another format or with the name of one in another folder, a trajectory whose name begins with a
     /// dot, images without cameras, or a further model of one capture. It is not read.
     IgnoredScene,
-    /// Two images have the same number, or the same name but for its extension, by which they were not looked up; one is used.
+    /// Two images have the same number, or the same name except for its extension, by which they were not looked up; one is used.
     AmbiguousNumbering,
     /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,

@@ -56,7 +56,7 @@ impl View {
         let size = [f64::from(self.size.width), f64::from(self.size.height)];
         let k = self.camera.intrinsics.pixel_from_normalized(self.size);
         let (principal, centre) = ([k.cx, k.cy], size.map(|side| side / 2.0));
-        // There, the focal lengths of the field of view would be the camera's, but for rounding.
+        // There, the focal lengths of the field of view would be the camera's, except for rounding.
         let is_central = principal.map(f64::to_bits) == centre.map(f64::to_bits);
         match used {
             PrincipalPoint::Full => Ok([[k.fx, k.fy], principal]),

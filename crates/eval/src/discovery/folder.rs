@@ -70,7 +70,7 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
     let mut found = DiscoveredDatasets { not_run, ..DiscoveredDatasets::default() };
     if on_disk.is_empty() && found.not_run.is_empty() {
         let formats = Format::all_data();
-        let why = format!("no images with {formats} in it or below, but for hidden folders");
+        let why = format!("no images with {formats} in it or below, except for hidden folders");
         found.not_run.push(NotRun { what: folder.display().to_string(), why });
     }
     if on_disk.is_empty() {

@@ -28,7 +28,7 @@ pub(super) struct Search {
 
 impl Search {
     /// Searches a folder and those below it. The scene folders of a dataset are not searched, since its scenes would be
-    /// found twice; other folders next to them are, but for hidden ones.
+    /// found twice; other folders next to them are, except for hidden ones.
     pub(super) fn of(folder: &Path) -> Self {
         let mut search = Self::default();
         let mut walk = FolderWalk::from(folder);

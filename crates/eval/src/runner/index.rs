@@ -23,7 +23,7 @@ pub struct PlannedIndex {
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
-    /// The published index that it is but for context views that its entries leave out.
+    /// The published index from which it differs only in context views that its entries leave out.
     pub reduced_from: Option<String>,
     /// Entries of the file that `index` leaves out, because a suite takes the first scenes only.
     pub left_out: u64,

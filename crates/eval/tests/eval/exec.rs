@@ -57,7 +57,7 @@ fn prepared(here: &Path, scenes: usize) -> Results {
     results_of(scenes, Arc::new(Renders::new(&here.join("warp"), Some("shell")).unwrap()))
 }
 
-/// A `.npy` file of `<f4`, as `numpy.save` writes it but for the padding of its header.
+/// A `.npy` file of `<f4`, as `numpy.save` writes it except for the padding of its header.
 fn array(images: &[Image]) -> Vec<u8> {
     let shape = format!("({}, {}, {}, 3)", images.len(), SIZE.height, SIZE.width);
     let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n");

@@ -47,7 +47,7 @@ def failed(store: Store, method: str) -> list[str]:
 
 
 def unscored(store: Store) -> list[str]:
-    """Targets without a score, but for trials that a method does not support."""
+    """Targets without a score, except for trials that a method does not support."""
     names = ("preset", "method", "scene", "entry")
     unsupported = {tuple(row[name] for name in names) for row in store.trials() if row["status"] == "not-applicable"}
     rows = (row for row in store.rows() if row["status"] in ("failed", "non-finite"))

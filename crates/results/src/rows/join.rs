@@ -49,7 +49,7 @@ impl Provenance {
         Ok(())
     }
 
-    /// Checks that another store is of the same run, but for the places of its data and files, and the number of its entries.
+    /// Checks that another store is of the same run, except for the places of its data and files, and the number of its entries.
     fn check_same_run(&self, other: &Self) -> Result<(), ResultsError> {
         const ADVICE: &str = "; only shards of one run can be merged";
         const EQUAL_COPIES: &str = "; run all shards on equal copies of the data";

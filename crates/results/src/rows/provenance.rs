@@ -84,7 +84,8 @@ pub struct PresetRecord {
     pub index_sha256: String,
     /// The published index that it equals or was derived from, if any.
     pub index_name: Option<String>,
-    /// The published index that it is but for context views that its entries leave out, if any; `None` in stores of older versions.
+    /// The published index from which it differs only in context views that its entries leave out, if any; `None` in stores of older
+    /// versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reduced_from: Option<String>,
     /// Overlap estimators named in the index; empty if it has values without naming their estimator.

@@ -41,11 +41,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_protocol::trial::ImageDigests;
+use serde::Serialize;
+
 pub use data::KnownResults;
 pub use merge::{Merged, Unfinished, repeated_store};
 use rayon::prelude::*;
 pub use schema::{SCHEMA_VERSION, schema_hash};
-use serde::Serialize;
 pub use stored_images::StoredImage;
 
 use crate::{MetricRecord, Moved, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
@@ -360,7 +361,7 @@ impl Results {
     /// Writes these rows to a new store. If interrupted at any moment, there is no store or a whole one, and it can be repeated.
     ///
     /// # Errors
-    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`], but for a store of exactly these results;
+    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`], except for a store of exactly these results;
     /// [`ResultsError::HasResults`] for a folder with `images`.
     pub fn write(&self, folder: &Path) -> Result<(), ResultsError> {
         self.write_merged(folder, &[]).map(|_is_changed| ())

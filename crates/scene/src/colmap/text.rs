@@ -97,7 +97,7 @@ fn is_keypoints(line: &[u8]) -> bool {
     numbers && count % 3 == 0
 }
 
-/// Whether a line of numbers is that of an image but for its name: nine columns with whole ids and a quaternion of
+/// Whether a line of numbers is that of an image except for its name: nine columns with whole ids and a quaternion of
 /// length 1. Of three keypoints, the second would be within a pixel of the image's corner.
 fn lacks_only_a_name(line: &[u8]) -> bool {
     let columns: Vec<&[u8]> = Columns::of(line).take(10).collect();

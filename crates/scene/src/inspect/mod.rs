@@ -47,11 +47,11 @@ pub enum SizeSampling {
     All,
 }
 
-/// Reads every scene of `source`, a dataset of `format`, in parallel and reports statistics. The reported problems are all of
-/// `warnings`, including those from opening the dataset. `progress` is called after each scene, from any thread.
+/// Reads every scene of `source`, a dataset of `format`, in parallel and reports statistics and problems. `progress` is called after
+/// each scene, from any thread.
 ///
-/// The report does not depend on the number of threads. `warnings` are those of opening the dataset, and no others. A scene
-/// that cannot be read is a problem in the report, not an error.
+/// `warnings` are those of opening the dataset, and no others; those of its scenes are added, and all of them are the report's problems.
+/// A scene that cannot be read is a problem, not an error. The report does not depend on the number of threads.
 pub fn inspect(
     source: &dyn SceneSource,
     format: Format,

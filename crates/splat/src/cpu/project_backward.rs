@@ -207,7 +207,7 @@ impl GaussianGradients {
             });
             let extra = through_lens(lens, clamped_slope, optics.focal, rows);
             (self.d_slope[0][lane], self.d_slope[1][lane]) = (extra.x, extra.y);
-            // Undrawn Gaussians may be outside the lens. A drawn one is inside, but for the last bit of a fisheye's largest angle.
+            // Undrawn Gaussians may be outside the lens. A drawn one is inside, except for the last bit of a fisheye's largest angle.
             let lens_jacobian = lens.jacobian(slope).unwrap_or(glam::DMat2::ZERO);
             let [x, y] = [lens_jacobian.x_axis * optics.focal, lens_jacobian.y_axis * optics.focal];
             (self.lens_jacobian[0][0][lane], self.lens_jacobian[0][1][lane]) = (x.x, y.x);

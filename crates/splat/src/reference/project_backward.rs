@@ -138,7 +138,7 @@ fn through_projection(
     let true_slope = in_camera.truncate() / depth;
     let lens_jacobian = match &optics.lens {
         None => DMat2::from_diagonal(optics.focal),
-        // A drawn Gaussian is inside the lens, but for the last bit of a fisheye's largest angle.
+        // A drawn Gaussian is inside the lens, except for the last bit of a fisheye's largest angle.
         Some(lens) => DMat2::from_diagonal(optics.focal) * lens.jacobian(true_slope).unwrap_or(DMat2::ZERO),
     };
     let d_true_slope = lens_jacobian.transpose() * d_splat.centre;

@@ -16,7 +16,7 @@ pub struct StressRow {
     pub findings: Vec<String>,
 }
 
-/// What the error of a renderer was measured of.
+/// What is compared to measure the error of a renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ErrorKind {

@@ -14,7 +14,7 @@ use glam::{DMat3, DVec3};
 
 pub(crate) use crate::cloud::{cloud, everything, image_gradients, narrow, view};
 
-/// The default options, but for these overrides.
+/// The default options, except for these overrides.
 pub(crate) fn overriding(overrides: GpuOverrides) -> GpuOptions {
     GpuOptions { overrides, ..GpuOptions::default() }
 }

@@ -89,7 +89,7 @@ impl DSsim {
     }
 }
 
-/// Twice the covariances, and the sums of variances, within what they can be but for [`ROUNDING`]: of renders far brighter than
+/// Twice the covariances, and the sums of variances, within what they can be except for [`ROUNDING`]: of renders far brighter than
 /// white, rounding would make variances negative. Derivatives are those of the unrestricted values.
 fn restricted(covariances: Tensor<4>, variances: Tensor<4>) -> (Tensor<4>, Tensor<4>) {
     let [covariance, variance] = [&covariances, &variances].map(|values| values.clone().detach());

@@ -237,7 +237,7 @@ fn an_order_that_leaked_targets_decide_is_not_marked() {
 fn a_mean_over_trainings_changes_no_order() {
     let [first, second] = ["1", "2"].map(|seed| trained(seed, seed, "simulated rooms"));
     let mut results = results(vec![preset("re10k-2v-256")], vec![first, second, nearest_view()]);
-    // The second training is level with the first, but for a tenth of a decibel.
+    // The second training is level with the first, except for a tenth of a decibel.
     for row in &mut results.targets {
         let copied = row.key.method != "nearest-view" && row.key.scene == SCENES[0];
         row.leaked = row.key.scene == SCENES[0];

@@ -68,7 +68,7 @@ fn overlaps_that_differ_by_less_than_a_tenth_have_no_slope_per_tenth() {
     }
     let said = over(0.002).unwrap_err().to_string();
     assert_eq!(said, "expected overlaps that differ by at least 0.1, found 0.012");
-    Tolerance::relative(1e-9).assert([over(0.1 / 6.0).unwrap().slope], [60.0], "a tenth, but for rounding");
+    Tolerance::relative(1e-9).assert([over(0.1 / 6.0).unwrap().slope], [60.0], "a tenth, except for rounding");
 }
 
 /// Six scenes with three targets each: a third of the resamples draw only scenes of the first overlap, whose spread is what rounding
