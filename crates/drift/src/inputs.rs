@@ -34,7 +34,7 @@ impl<'a> SharedPreset<'a> {
         then.presets.iter().filter_map(shared).collect()
     }
 
-    /// Its name if it crops or resizes images differently than in the baseline, or nobody knows, so that they cannot be compared.
+    /// Its name if it crops or resizes images differently than in the baseline, or may do so: they cannot be compared then.
     pub(super) fn name_if_images_may_differ(&self) -> Option<&'a str> {
         let may_be_other = self.differs_in("preprocessing") || self.differs_in(TEXT);
         may_be_other.then_some(self.then.name.as_str())

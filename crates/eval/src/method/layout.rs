@@ -64,8 +64,8 @@ enum Found {
 
 impl FoundFiles {
     /// Looks for scenes below a folder and, if there are none, in its parents and subfolders. `layout` returns how a
-    /// scene's files are laid out below a folder, if they are there under one of the names that scenes have in it, or what the
-    /// system says if nobody can tell.
+    /// scene's files are laid out below a folder, if they are there under one of the names that scenes have in it, or the
+    /// system's error if it cannot find out.
     pub(super) fn of(
         (what, expected): (&'static str, &'static str),
         folder: &Path,
@@ -102,8 +102,8 @@ impl FoundFiles {
     }
 
     /// # Errors
-    /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder contains or why nobody
-    /// can tell, and where the scenes are instead.
+    /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder contains or why it
+    /// cannot be read, and where the scenes are instead.
     pub fn check(&self) -> Result<(), EvalError> {
         let (folder, requested) = (self.folder.display(), self.requested);
         if requested == 0 {

@@ -62,7 +62,7 @@ pub trait Method: Debug + Send + Sync {
         Preset::OWN_METHOD
     }
 
-    /// Whether [`Self::setting`] is the preset's own only because nobody chose another, although the results may come from any
+    /// Whether [`Self::setting`] is the preset's own only because the user chose no other, although the results may come from any
     /// method: a name that the preset lists is then probably the method's.
     fn has_no_chosen_setting(&self) -> bool {
         false
@@ -223,7 +223,7 @@ pub(crate) fn below(folder: &Path, name: &str) -> Option<PathBuf> {
 /// Whether there is a file, or a link to one.
 ///
 /// # Errors
-/// What the system says if nobody can tell: the file may be the right one.
+/// The system's error if it cannot find out: the file may be the right one.
 fn is_file(path: &Path) -> Result<bool, String> {
     match path.metadata() {
         Ok(found) => Ok(found.is_file()),

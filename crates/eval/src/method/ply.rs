@@ -150,7 +150,7 @@ fn candidates(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> imp
 /// The files of each iteration that the trainer of 3DGS has saved, each with what follows the scene's name.
 ///
 /// # Errors
-/// What the system says if nobody can tell.
+/// The system's error if the folder cannot be read.
 fn trained(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> Result<Vec<(PathBuf, String)>, String> {
     let Some(parent) = below(folder, &format!("{name}/point_cloud")) else { return Ok(Vec::new()) };
     let failed = |error: io::Error| format!("{error} ({})", parent.display());

@@ -94,7 +94,7 @@ impl Backend {
         self.adapter().is_none()
     }
 
-    /// Works with a renderer, which nobody else uses meanwhile.
+    /// Runs `work` with a renderer that no other thread uses at the same time.
     pub fn with<T>(&self, work: impl FnOnce(&mut dyn Renderer) -> T) -> T {
         match self {
             Self::Cpu(spare) => with_spare(spare, |renderer| work(renderer)),

@@ -178,7 +178,8 @@ impl Plan<'_> {
     }
 }
 
-/// Rejects the names that images of a store have: a method's name may be that of a folder, which nobody chose for a method.
+/// Rejects `truth` and `context`, under which a store keeps ground-truth and context images. An imported method has the name of its folder
+/// by default, which may be one of them.
 fn check_name(method: &MethodRecord) -> Result<(), EvalError> {
     let name = method.name.trim();
     if ![TRUTH, CONTEXT].contains(&name) {

@@ -17,7 +17,7 @@ pub enum ForeignEntries {
     /// Entries with interpolated targets under a protocol of extrapolation.
     #[serde(rename = "entries with targets inside the window, under a protocol of targets outside it")]
     TargetsInside,
-    /// Entries that are binned although nobody knows what their overlap is.
+    /// Entries that are binned although it is unknown by which estimator their overlap was measured.
     #[serde(rename = "entries whose overlap does not say how it was measured, under bins of one estimator")]
     UnknownEstimator,
 }

@@ -82,7 +82,7 @@ impl Results {
         self.targets.iter().filter(move |target| target.key.is_of(preset, method))
     }
 
-    /// The number of Gaussians of a trial, or the mean that was stated for its method and preset; `None` if nobody knows it.
+    /// The number of Gaussians of a trial, or the mean that was stated for its method and preset; `None` if neither is known.
     pub(crate) fn gaussians_of(&self, trial: &TrialRow) -> Option<u64> {
         let TrialKey { preset, method, .. } = &trial.key;
         trial.gaussians.or_else(|| self.provenance.method(method)?.stated.get(preset)?.gaussians)
