@@ -187,7 +187,7 @@ fn images_in(folder: &Path) -> io::Result<(Names, Names)> {
     Ok((images, arrays))
 }
 
-/// Whether a listed entry is a file, as far as the system can tell.
+/// Whether a listed entry is a file, or may be one because the system cannot tell.
 fn may_be_file(path: &Path) -> bool {
     is_file(path).unwrap_or(true)
 }
