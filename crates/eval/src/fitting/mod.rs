@@ -44,7 +44,7 @@ impl Photos {
     /// # Errors
     /// [`ProtocolError`] for an image that cannot be read.
     pub fn training_views(&self) -> Result<Vec<TrainingView>, ProtocolError> {
-        let view = |view: &ContextView| Ok(self.named(view.frame, view.camera, view.size, &view.image()?));
+        let view = |view: &ContextView| Ok(self.named(view.frame, view.camera, view.size, view.image()?.as_ref()));
         self.trial().context().iter().map(view).collect()
     }
 
@@ -56,7 +56,7 @@ impl Photos {
     pub fn held_out_views(&self) -> Result<Vec<TrainingView>, ProtocolError> {
         let image = |at| self.ground_truth().get(at).expect("an image for each target");
         let targets = self.trial().targets().iter().enumerate();
-        targets.map(|(at, view)| Ok(self.named(view.frame, view.camera, view.size, &image(at)?))).collect()
+        targets.map(|(at, view)| Ok(self.named(view.frame, view.camera, view.size, image(at)?.as_ref()))).collect()
     }
 
     fn named(&self, frame: usize, camera: Camera, size: ImageSize, image: &ImageU8) -> TrainingView {
