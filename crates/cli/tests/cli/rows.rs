@@ -111,9 +111,10 @@ fn a_second_writer_is_rejected_and_no_trial_is_lost() {
         for part in [process.as_str(), "UTC", "--shard 1/2", "atsplat merge"] {
             assert!(second.stderr.contains(part), "{part}: {}", second.stderr);
         }
-        // Readers are not locked out.
+        // Readers are not locked out, though there may be nothing to read yet.
         let report = atsplat(here, &["tradeoff", &store]);
-        assert_eq!(report.code, 0, "{}", report.stderr);
+        let is_early = report.code == 1 && report.stderr.contains("nothing was scored: no method has a trial");
+        assert!(report.code == 0 || is_early, "{}: {}", report.code, report.stderr);
         signal(&first, "-CONT");
         assert!(first.wait().unwrap().success());
         assert_eq!(bare(&results(here, &store)), expected, "round {round}");

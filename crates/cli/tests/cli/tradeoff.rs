@@ -63,6 +63,10 @@ fn a_setting_without_a_trial_does_not_end_the_sweep() {
     let alone = sweep(here, large, "alone", &[]);
     let error = format!("error: no setting has a result: {why}");
     assert!(alone.code == 1 && alone.stderr.contains(&error), "{}: {}", alone.code, alone.stderr);
+    let store = atsplat(here, &["tradeoff", "alone"]);
+    let error = "error: nothing was scored: no method has a trial";
+    assert!(store.code == 1 && store.stderr.contains(error), "{}: {}", store.code, store.stderr);
+    assert!(!store.stderr.contains("frontier is empty"), "said once: {}", store.stderr);
 }
 
 #[test]

@@ -19,26 +19,25 @@ pub struct TradeoffReport {
 }
 
 impl TradeoffReport {
-    /// Why there is no score at all, of the first setting; `None` if any setting has one, and if there is no setting.
+    /// Why there is no score at all: of the first setting, or because no method has a trial. `None` if any setting has a score.
     pub fn nothing_scored(&self) -> Option<String> {
         if self.tradeoffs.iter().any(Tradeoff::has_score) {
             return None;
         }
-        self.tradeoffs.iter().find_map(|Tradeoff { preset, metric, unscored, .. }| {
+        let first = self.tradeoffs.iter().find_map(|Tradeoff { preset, metric, unscored, .. }| {
             unscored.first().map(|(label, why)| format!("{preset}, {metric}, {label}: {why}"))
-        })
+        });
+        Some(first.unwrap_or_else(|| "no method has a trial".to_owned()))
     }
 
-    /// Why no frontier has a point: no setting has a cost, with the reasons of the first one, or there is no setting. `None` if any
-    /// frontier has a point, and if [`Self::nothing_scored`] says why.
+    /// Why no frontier has a point: no setting has a cost, with the reasons of the first one. `None` if any frontier has a point, and
+    /// if [`Self::nothing_scored`] says why.
     pub fn why_empty(&self) -> Option<String> {
         let mut frontiers = self.tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers);
-        if frontiers.any(|frontier| !frontier.points.is_empty()) || self.nothing_scored().is_some() {
+        if frontiers.any(|frontier| !frontier.points.is_empty()) {
             return None;
         }
-        let Some(tradeoff) = self.tradeoffs.iter().find(|tradeoff| tradeoff.has_score()) else {
-            return Some("no method has a trial".to_owned());
-        };
+        let tradeoff = self.tradeoffs.iter().find(|tradeoff| tradeoff.has_score())?;
         let is_scored = |label: &str| tradeoff.unscored.iter().all(|(unscored, _)| unscored != label);
         let reason = |frontier: &Frontier| {
             let (label, why) = frontier.left_out.iter().find(|(label, _)| is_scored(label))?;
