@@ -16,6 +16,10 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
         baseline_path.exists(),
         "--baseline: expected a baseline, found no file; `atsplat drift accept {of} --baseline {file} --why REASON` makes one"
     );
+    anyhow::ensure!(
+        !baseline_path.is_dir(),
+        "--baseline: expected a file, found the folder {file}; the folder of results is the argument without an option"
+    );
     let baseline = Baseline::read(baseline_path)?;
     let probe = Probe::read(args, &baseline, baseline_path)?;
     let plot = args.history.open()?;
@@ -56,7 +60,9 @@ impl<'a> Probe<'a> {
     fn read(args: &'a Args, baseline: &Baseline, path: &Path) -> anyhow::Result<Option<Self>> {
         let requested = args.probe.as_deref();
         let given = requested.map(recipe).transpose()?;
-        let recorded = if args.no_probe { None } else { baseline.read_probe(path)? };
+        let of_baseline =
+            || "the baseline's probe, a file to be committed with it (--no-probe compares rows alone)".to_owned();
+        let recorded = if args.no_probe { None } else { baseline.read_probe(path).with_context(of_baseline)? };
         let Some((recorded, outputs)) = recorded else {
             anyhow::ensure!(given.is_none(), "--probe: the baseline has no probe; accept one first");
             return Ok(None);

@@ -184,6 +184,9 @@ fn a_probe_that_cannot_be_run_is_an_error_and_no_drift() {
     assert_ne!(text, renamed);
     std::fs::write(at.join("quick.json"), renamed).unwrap();
     fails(&[], "the baseline's probe (--no-probe compares rows alone): the probe's stage model: ");
+    // A file that was not committed.
+    std::fs::remove_file(at.join("quick.probe.safetensors")).unwrap();
+    fails(&[], "the baseline's probe, a file to be committed with it (--no-probe compares rows alone): ");
     assert!(succeed(at, &[&args[..], &["--no-probe"]].concat()).ends_with("Verdict: same\n"));
 }
 
@@ -408,6 +411,7 @@ fn reports_usage_errors_and_broken_files() {
         (&["drift", "accept", "then", "--baseline", "b.json", "--why", ""], 2, "--why"),
         (&["drift", "then", "--baseline", "none.json"], 1, "accept then --baseline none.json --why"),
         (&["drift", "then", "--baseline", "broken.json"], 1, "broken.json"),
+        (&["drift", "b.json", "--baseline", "then"], 1, "--baseline: expected a file, found the folder then; "),
         (&["drift", "accept", "nowhere", "--baseline", "b.json", "--why", "x"], 1, "nowhere"),
         (&["tradeoff", "then", "--metric", "beauty"], 2, "ssim"),
         (&["tradeoff", "then", "--metric", "psnr", "--metric", "psnr"], 2, "--metric: psnr is given twice"),
