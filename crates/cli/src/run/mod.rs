@@ -95,6 +95,7 @@ fn evaluate(
     settings: &SettingArgs,
     timing: Option<TimingPlan>,
 ) -> anyhow::Result<bool> {
+    protocols.check_out(settings.out())?;
     let mut warnings = Warnings::new();
     let remote = protocols.remote()?;
     let datasets = protocols.open(remote.as_ref(), &mut warnings)?;

@@ -1,9 +1,9 @@
 //! Arguments that select protocols, data and index.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use atsplat_camera::ImageSize;
 use atsplat_eval::runner::{Dataset, IndexChoice, IndexFolder, PlannedIndex};
 use atsplat_protocol::{DropReason, Preset};
@@ -13,6 +13,7 @@ use atsplat_scene::{Fetch as _, ImageFolder, SceneSource, Warnings};
 use crate::dataset_args::ImageArgs;
 use crate::objects::{CacheArgs, RemoteData, with_urls};
 use crate::parse;
+use crate::paths::canonical_path;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ProtocolArgs {
@@ -49,6 +50,17 @@ impl ProtocolArgs {
     /// Rejects a protocol that is given twice, before anything is read.
     pub(crate) fn check(&self) -> Result<(), clap::Error> {
         parse::once("the protocols", &self.presets).map_err(parse::usage_error)
+    }
+
+    /// Rejects the dataset's own folder as that of results: their files would be read as those of scenes, or lie among photos.
+    pub(crate) fn check_out(&self, out: &Path) -> anyhow::Result<()> {
+        let is_data = if atsplat_objects::url(&self.data).is_some() {
+            self.data == out
+        } else {
+            self.data.is_dir() && canonical_path(out).ok() == self.data.canonicalize().ok()
+        };
+        ensure!(!is_data, "--out: {} is the folder of the dataset; choose another one for the results", out.display());
+        Ok(())
     }
 
     /// The data, if they are in object storage.

@@ -46,6 +46,7 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     args.protocols.check()?;
     args.network.check().map_err(usage_error)?;
+    args.protocols.check_out(args.settings.out())?;
     let reading = || format!("reading {}", args.sweep.display());
     let text = atsplat_files::read_to_string(&args.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::{SCENE, atsplat, succeed, write_trajectory};
+use crate::evaluation::write_noise;
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{KeyMap, ModelWeights, Precision, generated};
@@ -109,6 +110,33 @@ fn indices_do_not_overwrite_datasets_or_the_input_index() {
         ],
     );
     succeed(here, &["protocol", "overlap", "index.svg", "--data", "data", "--out", "data/overlap.json"]);
+}
+
+/// A folder of RE10K trajectories would have `digests.txt` of the results for another one.
+#[test]
+fn results_are_not_written_into_the_folder_of_the_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    fs::write(here.join("sweep.toml"), "title = 'settings'\n[[settings]]\nlabel = 'whole'\n").unwrap();
+    let run = "run tiny.toml --data data --method nearest-view --out";
+    let (itself, by_another_path) = (format!("{run} data"), format!("{run} data/scene-00/.."));
+    let error = " is the folder of the dataset; choose another one for the results";
+    rejects(
+        here,
+        &[
+            (itself.as_str(), "error: --out: data is the folder of the dataset; "),
+            (by_another_path.as_str(), error),
+            ("score tiny.toml --data ./data --renders data --out data/", error),
+            ("tradeoff sweep tiny.toml --data data --sweep sweep.toml --weights random:1 --out data", error),
+        ],
+    );
+    // Below it, above it, and next to it.
+    for out in ["data/results", ".", "results"] {
+        succeed(here, &format!("{run} {out}").split(' ').collect::<Vec<_>>());
+    }
+    let inspected = succeed(here, &["data", "inspect", "data"]);
+    assert!(!inspected.contains("unreadable-scene"), "{inspected}");
 }
 
 #[test]
