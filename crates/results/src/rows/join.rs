@@ -51,20 +51,20 @@ impl Provenance {
 
     /// Checks that another store is of the same run, except for the places of its data and files, and the number of its entries.
     fn check_same_run(&self, other: &Self) -> Result<(), ResultsError> {
-        const ADVICE: &str = "; only shards of one run can be merged";
+        const ADVICE: &str = "; only shards of one run can be merged; `atsplat report` takes the stores of several";
         const EQUAL_COPIES: &str = "; run all shards on equal copies of the data";
         self.check_same_program(other, ADVICE)?;
         self.check_metrics(&other.metrics, ADVICE)?;
         self.check_limit(other, ADVICE)?;
         // They may have been added to the shards in another order.
-        check_same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
+        check_same("presets", None, &names(&self.presets), &names(&other.presets), ADVICE)?;
         let methods = other.methods.iter().map(|method| method.clone().with_places_recorded_in(self));
-        check_same("methods", None, &by_name(self.methods.clone()), &by_name(methods.collect()), "")?;
+        check_same("methods", None, &by_name(self.methods.clone()), &by_name(methods.collect()), ADVICE)?;
         for preset in &other.presets {
             if let Some(known) = self.preset(&preset.name) {
                 check_same_scenes(known, preset, EQUAL_COPIES)?;
                 let preset = PresetRecord { entries: known.entries, ..preset.clone() }.with_places_of(known);
-                check_same("presets", Some(&known.name), known, &preset, "")?;
+                check_same("presets", Some(&known.name), known, &preset, ADVICE)?;
             }
         }
         Ok(())

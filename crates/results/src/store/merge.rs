@@ -203,7 +203,8 @@ fn check_same_count(expected: Option<u32>, found: Option<u32>) -> Result<(), Res
     }
     let [expected, found] = [expected, found]
         .map(|count| count.map_or_else(|| "a whole run".to_owned(), |count| format!("{count} shards")));
-    Err(ResultsError::Different { what: "numbers of shards", expected, found, advice: "" })
+    let advice = "; only shards of one run can be merged; `atsplat report` takes the stores of several";
+    Err(ResultsError::Different { what: "numbers of shards", expected, found, advice })
 }
 
 /// Whether the shards of a part were merged before. If only some were, their entries could not be counted once.

@@ -336,3 +336,23 @@ fn a_merged_store_has_whole_images_and_no_symbolic_links() {
     assert!(!image_path(&merged, &x, 4).is_symlink());
     assert_eq!(fs::read(image_path(&first, &y, 4)).unwrap(), cut, "the part keeps its file");
 }
+
+/// As of somebody who wants the results of several methods in one table.
+#[test]
+fn stores_that_are_no_shards_of_one_run_are_not_merged_and_the_message_says_what_takes_them() {
+    let of_method = |number: u32, name: &str| {
+        let mut part = shard(number, &["a"]);
+        part.provenance.methods = vec![MethodRecord { name: name.to_owned(), ..MethodRecord::default() }];
+        part
+    };
+    let mut whole = of_method(2, "warp");
+    whole.provenance.shard = None;
+    for (second, expected) in [
+        (of_method(2, "mine"), "methods of the two runs differ: "),
+        (whole, "numbers of shards of the two runs differ: expected 3 shards, found a whole run; "),
+    ] {
+        let refused = Results::merge(vec![of_method(1, "warp"), second]).unwrap_err().to_string();
+        let is_advised = refused.ends_with("; `atsplat report` takes the stores of several");
+        assert!(refused.starts_with(expected) && is_advised, "{refused}");
+    }
+}
