@@ -2,6 +2,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 
+use atsplat_results::store::images::{CONTEXT, TRUTH};
+
 use super::frame_files::FrameFiles;
 use super::scene_names::SceneNames;
 use super::{below, is_absent};
@@ -221,13 +223,15 @@ impl fmt::Display for LayoutCounts {
     }
 }
 
-/// Subfolders, the parent and its parent.
+/// Subfolders, those of the methods in a store of results, the parent and its parent; without those of a store's ground truth and
+/// context images, which no method rendered.
 fn neighbours(folder: &Path) -> Vec<PathBuf> {
-    let mut below = folders(folder);
-    below.truncate(MAX_SUBFOLDERS);
+    let of_methods = folders(&folder.join("images")).into_iter().flat_map(|preset| folders(&preset));
+    let mut found: Vec<PathBuf> = folders(folder).into_iter().chain(of_methods).take(MAX_SUBFOLDERS).collect();
     let absolute = folder.canonicalize().unwrap_or_else(|_unreadable| folder.to_owned());
-    below.extend(absolute.ancestors().skip(1).take(2).map(Path::to_owned));
-    below
+    found.extend(absolute.ancestors().skip(1).take(2).map(Path::to_owned));
+    found.retain(|path| ![TRUTH, CONTEXT].contains(&atsplat_files::name_of(path).as_str()));
+    found
 }
 
 /// Those that can be listed: they are only suggestions.
@@ -310,6 +314,27 @@ mod tests {
             why(&["d"], &[28, 65]),
             format!("{said}d contains 0.png, 1.png, and the frames are 28, 65{counted}")
         );
+    }
+
+    /// The ground truth has a file for every frame, and is no method's.
+    #[test]
+    fn a_store_in_place_of_a_methods_images_names_those_of_a_method() {
+        let folder = tempfile::tempdir().unwrap();
+        for method in ["context", "mine", "truth"] {
+            fs::create_dir_all(folder.path().join("images/preset").join(method).join("some-scene")).unwrap();
+        }
+        let requested = [RequestedScene { scene: "some-scene", frames: &[28] }];
+        let layout = |folder: &Path, requested: &RequestedScene<'_>, _: &SceneNames| {
+            Ok(folder.join(requested.scene).is_dir().then(|| Layout("SCENE/29.png".to_owned())))
+        };
+        let mine = folder.path().join("images/preset/mine");
+        let end = format!(" below {}, in the layout SCENE/29.png (1): use that folder", mine.display());
+        for given in ["", "images/preset"] {
+            let (what, names) = (("folder of renders", "SCENE/29.png"), SceneNames::default());
+            let found = FoundFiles::of(what, &folder.path().join(given), &names, &requested, layout);
+            let why = found.check().unwrap_err().to_string();
+            assert!(why.ends_with(&end), "{given}: {why}");
+        }
     }
 
     /// Their names alone would be those that are asked for.
