@@ -256,6 +256,18 @@ fn errors_name_datasets_below_a_folder() {
     assert!(deep.contains("found a folder without these ("), "only one level: {deep}");
 }
 
+/// Renders are photos of some commands and no dataset.
+#[test]
+fn errors_name_the_record_of_renders() {
+    let message = opened(&[("render.json", b"{}".as_slice()), ("000000.png", b"")], "").unwrap_err().to_string();
+    assert!(
+        message.contains("but with the render.json of `atsplat render`: `reconstruct` and `fit` read"),
+        "{message}"
+    );
+    let dataset = [("render.json", b"{}".as_slice()), ("a.txt", TRAJECTORY.as_bytes())];
+    assert!(opened(&dataset, "").is_ok(), "next to a dataset");
+}
+
 /// The number at the end of a name is not a timestamp, neither of one image under three poses nor of two cameras' images.
 #[test]
 fn repeated_images_and_numbers_of_names_are_told_apart() {

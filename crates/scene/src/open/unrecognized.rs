@@ -43,6 +43,12 @@ pub(super) fn content_of_folder(folder: &Path) -> Result<String, SceneError> {
     if let Some(part) = part_of_model(folder) {
         return Ok(part_description(part));
     }
+    if folder.join("render.json").is_file() {
+        return Ok(format!(
+            "{KIND}, but with the render.json of `atsplat render`: `reconstruct` and `fit` read this folder, and `render --cameras` \
+             that file"
+        ));
+    }
     let transforms = files_like_transforms(folder);
     if !transforms.is_empty() {
         return Ok(format!("{KIND}, but with {}: give that file", transforms.join(" and ")));
