@@ -13,6 +13,12 @@ use crate::EVERYWHERE;
 /// The targets of our events are crates with this prefix and their modules.
 const CRATE_PREFIX: &str = "atsplat";
 
+/// The crates whose events are printed, after the prefix and `_`.
+const CRATES: [&str; 21] = [
+    "camera", "drift", "eval", "files", "fit", "metrics", "model", "nn", "numeric", "objects", "opencv", "pickle",
+    "pixels", "protocol", "report", "results", "rooms", "scene", "splat", "tensors", "train",
+];
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct LogArgs {
     /// Log to standard error what is read, chosen and resumed; -vv also logs every scene and trial, -vvv everything.
@@ -50,8 +56,46 @@ pub(crate) fn is_on() -> bool {
 
 fn filter(text: &str) -> anyhow::Result<Targets> {
     let filter: Targets = text.parse()?;
-    match filter.iter().find(|(target, _)| !target.starts_with(CRATE_PREFIX)) {
-        Some((target, _)) => anyhow::bail!("expected parts that begin with {CRATE_PREFIX}, found {target:?}"),
+    match filter.iter().find(|(target, _)| !is_part(target)) {
+        Some((target, _)) => {
+            let crates = CRATES.join(", ");
+            anyhow::bail!("expected parts that begin with {CRATE_PREFIX}_ and one of {crates}, found {target:?}")
+        }
         None => Ok(filter),
+    }
+}
+
+/// Whether a target is that of events, or the beginning of one: of a crate, or of a module in it.
+fn is_part(target: &str) -> bool {
+    let is_of = |name: &str| {
+        name.starts_with(target) || target.strip_prefix(name).is_some_and(|module| module.starts_with("::"))
+    };
+    let is_of_crate = || CRATES.iter().any(|name| is_of(&format!("{CRATE_PREFIX}_{name}")));
+    target.starts_with(CRATE_PREFIX) && (is_of(CRATE_PREFIX) || is_of_crate())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn parts_are_crates_of_this_workspace_and_their_modules() {
+        let crates = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        for name in CRATES {
+            assert!(crates.join(name).join("src").is_dir(), "{name}");
+        }
+        for entry in std::fs::read_dir(crates).unwrap() {
+            let name = entry.unwrap().file_name().into_string().unwrap();
+            let is_apart = name == "cli" || name == "python" || !crates.join(&name).join("src").is_dir();
+            assert!(is_apart || CRATES.contains(&name.as_str()), "{name}");
+        }
+        for part in ["atsplat", "atsplat::run", "atsplat_s", "atsplat_scene", "atsplat_scene::open"] {
+            assert!(is_part(part), "{part}");
+        }
+        for other in ["", "ats", "scene", "atsplat_scenes", "atsplat_scene:open", "atsplat_evl", "wgpu"] {
+            assert!(!is_part(other), "{other}");
+        }
     }
 }

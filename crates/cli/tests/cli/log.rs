@@ -32,9 +32,11 @@ fn events_are_printed_only_if_asked_for_and_change_nothing_else() {
 #[test]
 fn a_filter_that_matches_nothing_is_a_usage_error() {
     let folder = tempfile::tempdir().unwrap();
-    for (filter, expected) in
-        [("scene=debug", "parts that begin with atsplat"), ("atsplat_scene=loud", "atsplat_scene=loud")]
-    {
+    for (filter, expected) in [
+        ("scene=debug", "parts that begin with atsplat"),
+        ("atsplat_scene=loud", "atsplat_scene=loud"),
+        ("atsplat_scene=debug,atsplat_evl=debug", "found \"atsplat_evl\""),
+    ] {
         let outcome = atsplat(folder.path(), &["--log", filter, "protocol", "list"]);
         assert_eq!(outcome.code, 2, "{}", outcome.stderr);
         assert!(outcome.stderr.contains(expected), "{}", outcome.stderr);
