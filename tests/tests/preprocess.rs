@@ -1,15 +1,14 @@
 //! Real images, decoded and preprocessed, against the papers' code with Pillow inside
 //! (`crates/scene/tests/fixtures/make_preprocess_golden.py --folder`).
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use atsplat_camera::{ImageSize, NormalizedIntrinsics};
+use atsplat_files::Sha256Digest;
 use atsplat_pixels::{DecodeLimits, decode};
 use atsplat_scene::preprocess::{Preprocessing, Step};
 use atsplat_tests::shared_data;
 use serde::Deserialize;
-use sha2::{Digest as _, Sha256};
 
 #[derive(Deserialize)]
 struct Golden {
@@ -22,7 +21,7 @@ struct Case {
     image: String,
     source: ImageSize,
     steps: Vec<Step>,
-    sha256: String,
+    sha256: Sha256Digest,
     frozen: NormalizedIntrinsics,
 }
 
@@ -37,11 +36,7 @@ fn a_real_capture_comes_out_as_the_papers_code_makes_it() {
         let decoded = decode(&std::fs::read(file).unwrap(), &DecodeLimits::default()).unwrap();
         assert_eq!((decoded.width(), decoded.height()), (source.width, source.height), "{image}");
         let plan = Preprocessing::of(steps.clone()).plan(source).unwrap();
-        let digest = Sha256::digest(plan.apply(&decoded).unwrap().samples());
-        let digest = digest.iter().fold(String::new(), |mut text, byte| {
-            write!(text, "{byte:02x}").unwrap();
-            text
-        });
+        let digest = Sha256Digest::of(plan.apply(&decoded).unwrap().samples());
         assert_eq!(digest, sha256, "{image} through {steps:?}");
         assert_eq!(plan.intrinsics(&golden.intrinsics).unwrap(), frozen, "{image} through {steps:?}");
     }
