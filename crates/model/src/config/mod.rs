@@ -17,9 +17,8 @@ mod validate;
 
 use std::path::Path;
 
-use atsplat_files::{Embedded, is_toml_path, malformed_toml};
+use atsplat_files::{Embedded, Sha256Digest, is_toml_path, malformed_toml};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 pub use activations::{DepthActivation, OffsetActivation, OpacityActivation, QuaternionActivation, ScaleActivation};
 pub use anchors::{AnchorConfig, AnchorContext, AnchorDesign};
@@ -169,7 +168,7 @@ impl ModelConfig {
         );
         let json = serde_json::to_vec(&parts)
             .map_err(|error| ModelError::malformed(validate::WHAT, "JSON", "a value that JSON can represent", error))?;
-        Ok(atsplat_files::hexadecimal(&Sha256::digest(&json)))
+        Ok(Sha256Digest::of(&json).to_string())
     }
 
     /// The coarse branch's patch grid of an image.
