@@ -8,8 +8,8 @@ use atsplat_files::quoted;
 use glam::DVec3;
 
 use super::{
-    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed,
-    pose_or_reason, require_new_id,
+    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, by_id, length_of, malformed, pose_or_reason,
+    require_new_id,
 };
 use crate::SceneError;
 
@@ -74,14 +74,9 @@ pub(super) fn points(bytes: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, Scen
         let color = reader.array("rgb")?;
         let error = reader.number("error")?;
         let observations = reader.count("track", 8)?;
-        let mut track = Vec::with_capacity(observations);
-        for _ in 0..observations {
-            track.push(Observation {
-                image_id: u32::from_le_bytes(reader.array("image_id")?),
-                keypoint: u32::from_le_bytes(reader.array("point2D_idx")?),
-            });
-        }
-        points.push(ColmapPoint { id, position, color, error, track });
+        // `count` has checked that this many bytes are left.
+        reader.take(observations.saturating_mul(8), "track")?;
+        points.push(ColmapPoint { id, position, color, error });
     }
     reader.finish()?;
     Ok(points)

@@ -81,17 +81,6 @@ pub struct ColmapPoint {
     pub color: [u8; 3],
     /// Mean reprojection error in pixels; −1 if COLMAP has not computed it.
     pub error: f64,
-    /// The images that see it.
-    pub track: Vec<Observation>,
-}
-
-/// One image's observation of a point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Observation {
-    /// [`ColmapImage::id`].
-    pub image_id: u32,
-    /// Index among the image's keypoints.
-    pub keypoint: u32,
 }
 
 /// Parses `cameras.txt` or `cameras.bin`; `path` is for messages only.

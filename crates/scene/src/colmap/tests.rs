@@ -273,12 +273,13 @@ fn quaternions_of_any_length_are_normalised() {
 }
 
 #[test]
-fn points_have_colour_error_and_track() {
+fn points_have_colour_and_error() {
     let points =
         points_text("# header\n63390 1.67 0.29 -1.5 115 121 122 1.33 16 6542 15 7345\n7 0 0 0 1 2 3 -1\n").unwrap();
     assert_eq!((points[0].id, points[0].color, points[0].position.x), (63390, [115, 121, 122], 1.67));
-    assert_eq!(points[0].track[1], Observation { image_id: 15, keypoint: 7345 });
-    assert_eq!((points[1].error, points[1].track.len()), (-1.0, 0));
+    assert_eq!((points[0].error, points[1].error), (1.33, -1.0));
+    let half = points_text("7 0 0 0 1 2 3 -1 16 6542 15\n").unwrap_err().to_string();
+    assert!(half.contains("POINT2D_IDX"), "{half}");
 }
 
 #[test]
@@ -391,9 +392,6 @@ fn reads_models_written_by_colmap_as_colmap_does() {
             Tolerance::EXACT.assert(found.position.to_array(), numbers(&point["xyz"]), encoding);
             Tolerance::EXACT.assert(found.color.map(f64::from), numbers(&point["rgb"]), encoding);
             Tolerance::EXACT.assert([found.error], [point["error"].as_f64().unwrap()], encoding);
-            let track = found.track.iter().flat_map(|seen| [f64::from(seen.image_id), f64::from(seen.keypoint)]);
-            let expected: Vec<f64> = point["track"].as_array().unwrap().iter().flat_map(&numbers).collect();
-            Tolerance::EXACT.assert(track, expected, encoding);
         }
     }
 }

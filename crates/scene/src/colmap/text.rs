@@ -10,8 +10,8 @@ use glam::DVec3;
 
 use super::source::UNIT;
 use super::{
-    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed,
-    pose_or_reason, require_new_id,
+    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, by_id, length_of, malformed, pose_or_reason,
+    require_new_id,
 };
 use crate::SceneError;
 use crate::number::{Columns, parse_f64, parse_i64, parse_u64};
@@ -151,11 +151,11 @@ pub(super) fn points(text: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, Scene
         let position = DVec3::new(row.finite("X")?, row.finite("Y")?, row.finite("Z")?);
         let color = [row.integer("R")?, row.integer("G")?, row.integer("B")?];
         let error = row.number("ERROR")?;
-        let mut track = Vec::new();
         while !row.columns.rest().is_empty() {
-            track.push(Observation { image_id: row.integer("IMAGE_ID")?, keypoint: row.integer("POINT2D_IDX")? });
+            row.integer::<u32>("IMAGE_ID")?;
+            row.integer::<u32>("POINT2D_IDX")?;
         }
-        Ok(ColmapPoint { id, position, color, error, track })
+        Ok(ColmapPoint { id, position, color, error })
     };
     let points: Vec<_> = content_lines(text).map(point).collect::<Result<_, SceneError>>()?;
     require_stated(text, "points", points.len(), path)?;
