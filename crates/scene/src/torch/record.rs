@@ -5,8 +5,6 @@ use atsplat_pickle::shortened;
 
 use super::{Dict, TorchError, Value};
 use crate::checks::cut_short::cut_short;
-use crate::checks::unposed::no_pose;
-use crate::files::read_file;
 use crate::{Frame, FrameImage, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
 /// Columns of a `cameras` row.
@@ -157,19 +155,12 @@ fn timestamp_of(frame: &Frame, scene: &str, position: usize) -> Result<i64, Scen
 
 /// The encoded image, verified if it is from a chunk.
 fn encoded_image(frame: &Frame, scene: &str, position: usize) -> Result<SharedBytes, SceneError> {
-    let no_image = |reason: String| SceneError::NoImage { scene: scene.to_owned(), frame: position, reason };
-    match &frame.image {
-        FrameImage::Encoded(bytes) => {
-            frame.bytes(scene, position)?;
-            Ok(bytes.clone())
-        }
-        FrameImage::File(file) => Ok(SharedBytes::new(read_file("reading an image", file)?)),
-        FrameImage::Generated(_) => Ok(SharedBytes::new(frame.bytes(scene, position)?.into_owned())),
-        FrameImage::Missing(file) => Err(no_image(format!("no file {}", file.display()))),
-        FrameImage::Ambiguous(_) => Err(no_image(format!("several files may be it ({})", frame.image.place()))),
-        FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
-        FrameImage::Unposed { reason, .. } => Err(no_pose(scene, position, reason)),
-    }
+    let bytes = frame.bytes(scene, position)?;
+    Ok(if let FrameImage::Encoded(shared) = &frame.image {
+        shared.clone()
+    } else {
+        SharedBytes::new(bytes.into_owned())
+    })
 }
 
 fn row_from_camera(camera: &Camera) -> [f64; CAMERA_COLUMNS] {
