@@ -45,6 +45,13 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<(String, bool)>, SceneError> {
     Ok(entries(folder)?.into_iter().filter_map(text).collect())
 }
 
+/// The first `most` folders in a folder, without hidden ones; none if it cannot be listed.
+pub(crate) fn subfolders(folder: &Path, most: usize) -> Vec<PathBuf> {
+    let entries = list(folder).unwrap_or_default();
+    let shown = entries.into_iter().filter(|(name, is_folder)| *is_folder && !name.starts_with('.'));
+    shown.take(most).map(|(name, _)| folder.join(name)).collect()
+}
+
 /// Entries of a folder whose names are not UTF-8, sorted, and whether each is a folder itself.
 pub(crate) fn not_utf8(folder: &Path) -> Result<Vec<(PathBuf, bool)>, SceneError> {
     let others = entries(folder)?.into_iter().filter(|(name, _)| name.to_str().is_none());

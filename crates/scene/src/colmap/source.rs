@@ -12,7 +12,7 @@ use super::{
 use crate::checks::cameras::count_and_first;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
-use crate::files::{is_image_name, last_name, list, read_file, split_image_name};
+use crate::files::{is_image_name, last_name, list, read_file, split_image_name, subfolders};
 use crate::image_finder::ImageFinder;
 use crate::{Frame, ImageFolder, Scene, SceneError, WarningKind, Warnings};
 
@@ -211,11 +211,7 @@ pub(crate) fn model_in(folder: &Path) -> Option<PathBuf> {
 /// The first model in the subfolders of a folder that has none where [`model_in`] looks, and in theirs, as a path below it:
 /// `sparse/1`, `model`. Hidden folders are skipped.
 pub(crate) fn model_below(folder: &Path) -> Option<String> {
-    let subfolders = |folder: &Path| -> Vec<PathBuf> {
-        let entries = list(folder).unwrap_or_default().into_iter();
-        let shown = entries.filter(|(name, is_folder)| *is_folder && !name.starts_with('.'));
-        shown.take(FOLDERS_SEARCHED).map(|(name, _)| folder.join(name)).collect()
-    };
+    let subfolders = |folder: &Path| subfolders(folder, FOLDERS_SEARCHED);
     let first = subfolders(folder);
     let model = first.iter().find_map(|below| model_in(below));
     let model =

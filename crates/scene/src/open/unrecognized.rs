@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::TRIED;
 use crate::checks::ignored::files_like_transforms;
 use crate::colmap::{folder_of_part, model_below, part_of_model};
-use crate::files::{has_extension, list, read_file};
+use crate::files::{has_extension, list, read_file, subfolders};
 use crate::json;
 use crate::nerfstudio::parse_transforms;
 use crate::re10k::{read_trajectory, trajectory_files};
@@ -53,7 +53,7 @@ pub(super) fn content_of_folder(folder: &Path) -> Result<String, SceneError> {
     if !transforms.is_empty() {
         return Ok(format!("{KIND}, but with {}: give that file", transforms.join(" and ")));
     }
-    let subfolders = subfolders(folder);
+    let subfolders = subfolders(folder, FOLDERS_SEARCHED);
     let datasets: Vec<String> = subfolders.iter().filter_map(|below| dataset_in(below)).take(DATASETS_NAMED).collect();
     if !datasets.is_empty() {
         return Ok(format!("{KIND}, but with datasets below it: {}", datasets.join(", ")));
@@ -70,13 +70,6 @@ pub(super) fn content_of_folder(folder: &Path) -> Result<String, SceneError> {
     }
     let text = trajectory_files(folder)?.into_values().next();
     Ok(with_error(KIND, text.and_then(|text| read_trajectory(&text).err())))
-}
-
-/// The first folders in a folder, without hidden ones; none if it cannot be listed.
-fn subfolders(folder: &Path) -> Vec<PathBuf> {
-    let entries = list(folder).unwrap_or_default();
-    let shown = entries.into_iter().filter(|(name, is_folder)| *is_folder && !name.starts_with('.'));
-    shown.take(FOLDERS_SEARCHED).map(|(name, _)| folder.join(name)).collect()
 }
 
 fn dataset_in(folder: &Path) -> Option<String> {
