@@ -45,6 +45,11 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<(String, bool)>, SceneError> {
     Ok(entries(folder)?.into_iter().filter_map(text).collect())
 }
 
+/// The absolute path, which need not exist; the path as it is where there is none, as for an empty one.
+pub(crate) fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
 /// The first `most` folders in a folder, without hidden ones; none if it cannot be listed.
 pub(crate) fn subfolders(folder: &Path, most: usize) -> Vec<PathBuf> {
     let entries = list(folder).unwrap_or_default();

@@ -12,7 +12,7 @@ use super::{
 use crate::checks::cameras::count_and_first;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
-use crate::files::{is_image_name, last_name, list, read_file, split_image_name, subfolders};
+use crate::files::{absolute, is_image_name, last_name, list, read_file, split_image_name, subfolders};
 use crate::image_finder::ImageFinder;
 use crate::{Frame, ImageFolder, Scene, SceneError, WarningKind, Warnings};
 
@@ -326,10 +326,6 @@ fn capture_of(model: &Path) -> PathBuf {
 fn has_images(capture: &Path) -> bool {
     list(&capture.join("images"))
         .is_ok_and(|found| found.iter().any(|(name, is_folder)| *is_folder || is_image_name(name)))
-}
-
-fn absolute(path: &Path) -> PathBuf {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::files::last_name;
+use crate::files::{absolute, last_name};
 
 const TRANSFORMS: &str = "transforms.json";
 
@@ -98,10 +98,6 @@ pub(super) fn image_folder(file: &Path) -> (PathBuf, &'static str) {
         Some(images) => (scene_folder(file), images),
         None => (file.parent().unwrap_or_else(|| Path::new(".")).to_owned(), ""),
     }
-}
-
-fn absolute(path: &Path) -> PathBuf {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 #[cfg(test)]
