@@ -62,16 +62,14 @@ impl Input {
     fn context_images<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let images = || self.trial.context().iter().map(|view| view.image().map_err(Failure::from));
         let images: Vec<Arc<ImageU8>> = work(py, || images().collect())?;
-        let size = images.first().map_or((0, 0), |image| (image.height() as usize, image.width() as usize));
-        let same = |image: &Arc<ImageU8>| (image.height() as usize, image.width() as usize) == size;
-        if !images.iter().all(same) {
+        if images.windows(2).any(|pair| size(&pair[0]) != size(&pair[1])) {
             return Err(Failure::invalid(
                 "context",
                 "expected images of one size, which an array needs, found several sizes",
             )
             .into());
         }
-        array_of(py, &images, size)
+        array_of(py, &images)
     }
 
     /// The cameras of the context views and their frames.
@@ -89,12 +87,13 @@ impl Input {
     }
 }
 
+fn size(image: &ImageU8) -> [usize; 2] {
+    [image.height() as usize, image.width() as usize]
+}
+
 /// Images of one size as an array, in [0, 1].
-fn array_of<'py>(
-    py: Python<'py>,
-    images: &[Arc<ImageU8>],
-    (height, width): (usize, usize),
-) -> PyResult<Bound<'py, PyAny>> {
+fn array_of<'py>(py: Python<'py>, images: &[Arc<ImageU8>]) -> PyResult<Bound<'py, PyAny>> {
+    let [height, width] = images.first().map_or([0, 0], |image| size(image));
     let samples = images.iter().map(|image| image.samples());
     floats(py, &[images.len(), height, width, 3], samples, |sample| f32::from(sample) / 255.0)
 }
@@ -120,8 +119,7 @@ impl Trial {
         let all = || (0..self.targets.len()).filter_map(|at| self.targets.get(at));
         let images: Vec<Arc<ImageU8>> =
             work(py, || all().collect::<Result<_, ProtocolError>>().map_err(Failure::from))?;
-        let size = images.first().map_or((0, 0), |image| (image.height() as usize, image.width() as usize));
-        array_of(py, &images, size)
+        array_of(py, &images)
     }
 
     /// Scores images; the rows as JSON.
