@@ -22,16 +22,19 @@ macro_rules! finish {
     };
 }
 
+/// An optional parameter and its node; without one, that of the input, a parent that is not used.
+macro_rules! with_node {
+    ($parameter:expr, $input:expr) => {
+        match $parameter {
+            Parameter::Given(given) => (Some(given.primitive().clone()), given.node()),
+            Parameter::Absent => (None, $input.node()),
+        }
+    };
+}
+
 impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
     fn fused_linear(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Parameter<Self>) -> FloatTensor<Self> {
-        // Without a bias, the third parent is not used.
-        let (bias, bias_node) = match bias {
-            Parameter::Given(bias) => {
-                let node = bias.node();
-                (Some(bias.primitive().clone()), node)
-            }
-            Parameter::Absent => (None, x.node()),
-        };
+        let (bias, bias_node) = with_node!(bias, x);
         let nodes = [x.node(), weight.node(), bias_node];
         let (x, weight) = (x.primitive().clone(), weight.primitive().clone());
         let has_bias = bias.is_some();
@@ -53,13 +56,7 @@ impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
         beta: Parameter<Self>,
         segments: Segments,
     ) -> FloatTensor<Self> {
-        let (beta, beta_node) = match beta {
-            Parameter::Given(beta) => {
-                let node = beta.node();
-                (Some(beta.primitive().clone()), node)
-            }
-            Parameter::Absent => (None, x.node()),
-        };
+        let (beta, beta_node) = with_node!(beta, x);
         let nodes = [x.node(), gamma.node(), beta_node];
         let (x, gamma) = (x.primitive().clone(), gamma.primitive().clone());
         let has_beta = beta.is_some();
