@@ -280,7 +280,7 @@ mod tests {
     #[test]
     fn titles_that_the_font_of_bitmaps_lacks_are_named() {
         let named = |title: &str| {
-            let other = MethodRecord { title: title.to_owned(), ..floor() };
+            let other = MethodRecord { title: title.to_owned(), ..nearest_view() };
             let results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), other]);
             let store = PageStore { source: Source { label: "run", results: &results }, folder: None };
             let report = Report::new(&request(Vec::new()), &[store]).unwrap();

@@ -55,7 +55,7 @@ fn no_line_is_wider_than_its_terminal() {
     use unicode_width::UnicodeWidthStr as _;
     let published = TableDefinition::names().map(|name| (name.to_owned(), published(name)));
     // Eight scenes have intervals, which no table of a paper has.
-    let long = MethodRecord { title: UNBROKEN.to_owned(), ..floor() };
+    let long = MethodRecord { title: UNBROKEN.to_owned(), ..nearest_view() };
     let presets = ["re10k-2v-256", "re10k-overlap"].map(preset).to_vec();
     let results = results_over(presets, vec![atsplat("atsplat", |_| ()), long], 8);
     let measured = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap();

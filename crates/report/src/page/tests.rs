@@ -169,7 +169,7 @@ fn numbers_and_links_are_of_their_own_protocol() {
 /// Notes below the table of the first begin with the name of the method.
 #[test]
 fn a_method_that_is_called_like_a_protocol_is_none() {
-    let method = MethodRecord { title: "rooms-2v-64".to_owned(), ..floor() };
+    let method = MethodRecord { title: "rooms-2v-64".to_owned(), ..nearest_view() };
     let results = results(vec![preset("rooms-2v-128"), preset("rooms-2v-64")], vec![method]);
     let stores = [PageStore { source: Source { label: LABEL, results: &results }, folder: None }];
     let tables = tables(&TableDefinition::named("re10k").unwrap(), &[stores[0].source], Mixing::Apart).unwrap();

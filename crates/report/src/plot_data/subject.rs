@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn a_title_tells_trainings_apart_and_names_random_weights() {
         let random = MethodRecord { untrained: true, ..atsplat("b", |_| ()) };
-        let named = MethodRecord { title: "untrained network".to_owned(), untrained: true, ..floor() };
+        let named = MethodRecord { title: "untrained network".to_owned(), untrained: true, ..nearest_view() };
         let results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), random, named]);
         let titles: Vec<String> = results.provenance.methods.iter().map(|method| title_of(&results, method)).collect();
         assert_eq!(titles, ["ATSplat (a)", "ATSplat (b), untrained", "untrained network"]);

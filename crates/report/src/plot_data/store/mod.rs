@@ -220,7 +220,7 @@ mod tests {
     /// ATSplat is 3 dB worse, and its SSIM is 3 / 32 less, in the three scenes on which it did not fail.
     #[test]
     fn a_difference_has_the_decimals_of_its_metric_and_a_title_keeps_its_hyphens() {
-        let other = MethodRecord { title: "re-render".to_owned(), ..floor() };
+        let other = MethodRecord { title: "re-render".to_owned(), ..nearest_view() };
         let mut results = results(vec![preset("re10k-2v-256")], vec![other, atsplat("atsplat", |_| ())]);
         for difference in ["−3.00", "−0.094"] {
             let expected = format!("{difference} against re-render; better in 0 of 3 scenes");

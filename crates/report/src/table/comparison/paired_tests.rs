@@ -16,7 +16,7 @@ const PRESET: &str = "rooms-2v-128";
 
 /// A method without a published row, of this name and title.
 fn method(name: &str) -> MethodRecord {
-    MethodRecord { name: name.to_owned(), title: format!("the {name}"), ..floor() }
+    MethodRecord { name: name.to_owned(), title: format!("the {name}"), ..nearest_view() }
 }
 
 /// A method's results, of which the PSNR is higher in each scene by these decibels than 27, 25, 23 dB and so on.

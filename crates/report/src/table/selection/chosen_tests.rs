@@ -10,7 +10,7 @@ use crate::table::{CellIndex, Mixing, NoteKind, Row, Source, Table, Value, chose
 
 /// Two methods of one title, and a network that reproduces a row of the paper.
 fn store() -> Results {
-    let methods = ["a", "b"].map(|name| MethodRecord { name: name.to_owned(), ..floor() });
+    let methods = ["a", "b"].map(|name| MethodRecord { name: name.to_owned(), ..nearest_view() });
     results(vec![preset("rooms-2v-128")], methods.into_iter().chain([atsplat("network", |_| ())]).collect())
 }
 
@@ -108,7 +108,7 @@ fn without_the_papers_rows_all_methods_are_in_the_order_of_the_choice() {
     assert!(table.rows.iter().all(|row| !row.rule_above));
     assert_eq!(methods(&chosen(&store, &of(&["b", "network", "a"], false))), ["network", "b", "a"]);
     let trainings = ["one", "two"].map(|seed| trained(seed, seed, "simulated rooms"));
-    let floors = ["a", "b"].map(|name| MethodRecord { name: name.to_owned(), ..floor() });
+    let floors = ["a", "b"].map(|name| MethodRecord { name: name.to_owned(), ..nearest_view() });
     let store = results(vec![preset("rooms-2v-128")], trainings.into_iter().chain(floors).collect());
     let table = chosen(&store, &of(&["b", "two", "one", "a"], true));
     let order: Vec<&str> = table
