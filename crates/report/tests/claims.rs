@@ -9,7 +9,8 @@ use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
 use atsplat_results::statistics::{
-    Identical, Leaked, MetricQuery, common_scene_means, interval_of_mean, lead_along_overlap, paired_between, summary,
+    Identical, Leaked, MetricQuery, common_scene_means, interval_of_mean, lead_along_distance, lead_along_overlap,
+    paired_between, summary,
 };
 use atsplat_results::{Results, TargetRow};
 
@@ -332,6 +333,39 @@ fn leads_of_offsets_over_rays_by_overlap_are_those_of_the_stores() {
     };
     let expected = vec![slope(1, "anchors"), slope(2, "anchors-seed-2")];
     require_lines(expected, |number| readme.contains(number));
+}
+
+/// The same after three times the samples, and whether offsets lead rays by more outside the window.
+#[test]
+fn leads_of_offsets_over_rays_outside_the_window_are_those_of_the_store() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let results = Results::read(&folder().join("window/store")).unwrap();
+    let rows = ["window-1", "window-ray-depth-1"];
+    let of =
+        |preset: &'static str| rows.map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(preset, row, "psnr") });
+    let [by_overlap, by_overlap_of_rays] = of(ROOMS.0);
+    let overlap = lead_along_overlap((&results, &by_overlap), (&results, &by_overlap_of_rays)).unwrap();
+    let outside = ("rooms-extrapolation-64", 200, 600);
+    let [by_distance, by_distance_of_rays] = of(outside.0);
+    let distance = lead_along_distance((&results, &by_distance), (&results, &by_distance_of_rays)).unwrap();
+    assert_eq!(overlap.scenes, 200);
+    let tenth = overlap.interval.unwrap().map(|end| end / 10.0);
+    let lead = |(from, to): (u64, u64)| {
+        let mut results = results.clone();
+        results.targets.retain(|row| (from..=to).contains(&row.signed_distance.unsigned_abs()));
+        let [offsets, rays] = of(outside.0);
+        let found = paired_between((&results, &offsets), (&results, &rays), Aggregation::SceneMeans).unwrap();
+        with_interval(found.difference, found.interval.unwrap(), 3)
+    };
+    let [near, middle, far] = [(1, 15), (16, 30), (31, 45)].map(lead);
+    let expected = vec![
+        in_decibels(&with_interval(overlap.slope / 10.0, tenth, 3)),
+        in_decibels(&with_interval(distance.slope, distance.interval.unwrap(), 3)),
+        in_decibels(&difference(rows.map(|row| (&results, row)), "psnr", 3)),
+        in_decibels(&difference_under(outside, rows.map(|row| (&results, row)), "psnr", 3)),
+        format!("{near}, {middle} and {}", in_decibels(&far)),
+    ];
+    require_lines(expected, |number| readme.replace('\n', " ").contains(number));
 }
 
 /// One network for all settings against one for each, and networks on scenes that they never saw.
