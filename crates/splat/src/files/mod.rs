@@ -117,9 +117,11 @@ fn read_stored(bytes: &[u8], path: &Path) -> Result<Stored, Malformed> {
 /// What a file seems to be that is not read, but by playcanvas/splat-transform.
 fn convertible(bytes: &[u8], path: &Path) -> Option<&'static str> {
     const ZIP: &[u8] = b"PK\x03\x04";
+    const META: &[u8] = b"meta.json";
     let has_extension = |extension: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension));
-    let is_sog =
-        bytes.starts_with(ZIP) || has_extension("sog") || path.file_name().is_some_and(|name| name == "meta.json");
+    // PyTorch's checkpoints and NumPy's .npz are ZIP archives too.
+    let is_archive = || bytes.starts_with(ZIP) && bytes.windows(META.len()).any(|name| name == META);
+    let is_sog = has_extension("sog") || path.file_name().is_some_and(|name| name == "meta.json") || is_archive();
     let is_ksplat = has_extension("ksplat");
     is_sog.then_some("PlayCanvas' SOG").or_else(|| is_ksplat.then_some("a .ksplat file"))
 }
@@ -212,7 +214,7 @@ mod tests {
         let found = |bytes: &[u8], name: &str| read_stored(bytes, Path::new(name)).err().unwrap().found;
         let cases: [(&[u8], &str, &str); 4] = [
             (b"PK\x03\x04\x14\0\0\0\x08", "scene.sog", "PlayCanvas' SOG"),
-            (b"PK\x03\x04", "scene.ply", "PlayCanvas' SOG"),
+            (b"PK\x03\x04\x14\0meta.json{", "scene.ply", "PlayCanvas' SOG"),
             (b"{\"count\": 3}", "scene/meta.json", "PlayCanvas' SOG"),
             (b"\0\x01\0\0", "scene.KSPLAT", "a .ksplat file"),
         ];
@@ -222,6 +224,7 @@ mod tests {
             assert!(found.ends_with(&advice), "{name}: {found}");
         }
         assert_eq!(found(b"GIF89a", "scene.ply"), "\"GIF89a\"");
+        assert_eq!(found(b"PK\x03\x04\0\0archive/data.pkl", "chkpnt30000.pth"), "\"PK\\x03\\x04\\x00\\x00ar\"");
         assert_eq!(found(b"{}", "cameras.json"), "\"{}\"");
     }
 }
