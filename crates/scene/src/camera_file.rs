@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::checks::cameras::count_and_first;
-use crate::checks::intrinsics_unit::wrong_unit;
+use crate::checks::intrinsics_unit::{far_off_middle, wrong_unit};
 use crate::files::last_name;
 use crate::nerfstudio::{camera_path, is_camera_path};
 use crate::scene_key::{AmbiguousScene, scene_key};
@@ -198,9 +198,11 @@ fn cameras_from_3dgs(list: &Value) -> Result<Vec<FileCamera>, String> {
     }
 }
 
-/// Counts the cameras whose intrinsics are in another unit, as for those of datasets.
+/// Counts the cameras whose intrinsics are in another unit or for another size, as for those of datasets.
 fn report_implausible(path: &Path, cameras: &[FileCamera], warnings: &mut Warnings) {
-    let problem = |camera: &FileCamera| wrong_unit(&camera.camera.intrinsics, camera.size);
+    let problem = |FileCamera { camera, size, .. }: &FileCamera| {
+        wrong_unit(&camera.intrinsics, *size).or_else(|| far_off_middle(&camera.intrinsics))
+    };
     if let Some(detail) = count_and_first(cameras, "cameras", problem) {
         warnings.push(WarningKind::ImplausibleIntrinsics, last_name(path), detail);
     }
@@ -358,7 +360,7 @@ mod tests {
         assert!(both.starts_with("--fov conflicts with") && both.ends_with("leave out --fov"), "{both}");
     }
 
-    /// The second has a focal length of an impossible number of sides, the third an impossible size.
+    /// One has a focal length of an impossible number of sides, one the principal point of an image twice as large, one an impossible size.
     #[test]
     fn cameras_of_3dgs_with_impossible_lenses_are_counted() {
         let folder = tempfile::tempdir().unwrap();
@@ -385,6 +387,11 @@ mod tests {
             warning.scene == "cameras.json" && warning.detail.starts_with("1 of 2 cameras, first 1: "),
             "{warning}"
         );
+        let of_larger = camera("40", "32, \"cx\": 40, \"cy\": 30");
+        let (count, warnings) = outcome(&[camera("40", "32, \"cx\": 18, \"cy\": 16"), of_larger]);
+        let [warning] = warnings.kept() else { panic!("{warnings:?}") };
+        assert_eq!((count, warning.kind), (Ok(2), WarningKind::ImplausibleIntrinsics));
+        assert!(warning.detail.starts_with("1 of 2 cameras, first 1: expected a principal point near"), "{warning}");
         let (error, _) = outcome(&[camera("40", "32"), camera("70000", "32")]);
         assert!(error.unwrap_err().ends_with("camera 1, width: expected 1 to 65535 pixels, found 70000"));
     }

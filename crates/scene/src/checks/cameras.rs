@@ -68,13 +68,13 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
             .then(|| format!("expected R Rᵀ = I, found a deviation of {residual:.1e}; det(R) is 1"))
     });
     report(WarningKind::ImplausibleIntrinsics, &|frame| {
-        let is_off = || far_off_middle(frame);
+        let is_off = || far_off_middle(&frame.camera.intrinsics);
         let (k, size) = (&frame.camera.intrinsics, frame.stated_size);
         wrong_unit(k, size).or_else(is_off).or_else(|| stretched_pixels(k, size?))
     });
     let has_unit = |frame: &Frame| wrong_unit(&frame.camera.intrinsics, frame.stated_size).is_none();
     // For intrinsics in another unit or of another size, the next two warnings would name a consequence instead of the cause.
-    let is_plausible = |frame: &Frame| has_unit(frame) && far_off_middle(frame).is_none();
+    let is_plausible = |frame: &Frame| has_unit(frame) && far_off_middle(&frame.camera.intrinsics).is_none();
     report(WarningKind::WideFieldOfView, &|frame| {
         let angles = frame.camera.intrinsics.field_of_view();
         let (x, y) = (angles.x.to_degrees(), angles.y.to_degrees());

@@ -4,7 +4,7 @@
 use atsplat_camera::{ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 
-use crate::{Frame, ImageFolder};
+use crate::ImageFolder;
 
 /// Longest focal length in image sides that a capture has: a field of view of 2.9°, 720 mm on full frame. Satellites have longer ones,
 /// but none of the protocols is about such images.
@@ -24,8 +24,8 @@ const MIDDLE_OF_COPY: Tolerance = Tolerance::relative(0.1);
 
 /// What is said about a principal point far from the middle: the intrinsics may be stated for a downscaled copy of the images, or the
 /// fields be mixed up. Of intrinsics in another unit, [`wrong_unit`] says more.
-pub(crate) fn far_off_middle(frame: &Frame) -> Option<String> {
-    let (cx, cy) = (frame.camera.intrinsics.cx, frame.camera.intrinsics.cy);
+pub(crate) fn far_off_middle(k: &NormalizedIntrinsics) -> Option<String> {
+    let (cx, cy) = (k.cx, k.cy);
     if NEAR_MIDDLE.accepts(cx, 0.5) && NEAR_MIDDLE.accepts(cy, 0.5) {
         return None;
     }
@@ -70,6 +70,7 @@ pub(crate) fn wrong_unit(k: &NormalizedIntrinsics, stated_size: Option<ImageSize
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Frame;
     use atsplat_camera::{Camera, CameraFromWorld};
 
     fn found(numbers: [f64; 4], stated: Option<(u32, u32)>) -> Option<String> {
@@ -135,13 +136,13 @@ mod tests {
             ([0.5, 0.66], None, None),
             ([0.0, 0.0], None, None),
         ] {
-            let message = far_off_middle(&frame([0.9, 1.3, centre[0], centre[1]], stated)).unwrap();
+            let message = far_off_middle(&frame([0.9, 1.3, centre[0], centre[1]], stated).camera.intrinsics).unwrap();
             let suspicion =
                 message.split_once(": stated for another size, by a factor of about ").map(|(_, rest)| rest);
             assert_eq!(suspicion, factor.map(|factor| format!("{factor}?")).as_deref(), "{message}");
         }
         for fine in [[0.5, 0.5], [0.36, 0.64], [0.64, 0.5]] {
-            assert_eq!(far_off_middle(&frame([0.9, 1.3, fine[0], fine[1]], None)), None, "{fine:?}");
+            assert_eq!(far_off_middle(&frame([0.9, 1.3, fine[0], fine[1]], None).camera.intrinsics), None, "{fine:?}");
         }
     }
 
