@@ -131,9 +131,16 @@ impl<'a> Array<'a> {
     fn image(&self, start: usize, [rows, columns, channels]: [Axis; 3]) -> Result<Image, PixelError> {
         let too_many = || invalid(format!("at most {} rows and columns", u32::MAX), text(&self.shape()));
         let [width, height] = [columns, rows].map(|axis| u32::try_from(axis.length).ok().ok_or_else(too_many));
-        let pixels = rows.positions(start).flat_map(|row| columns.positions(row));
-        let samples = pixels.flat_map(|pixel| channels.positions(pixel));
-        Image::new(width?, height?, samples.filter_map(|at| self.samples.get(at).copied()).collect())
+        let is_row_by_row =
+            channels.step == 1 && columns.step == channels.length && rows.step == columns.length * columns.step;
+        let samples = if is_row_by_row {
+            self.samples.get(start..start + rows.length * rows.step).unwrap_or_default().to_vec()
+        } else {
+            let pixels = rows.positions(start).flat_map(|row| columns.positions(row));
+            let places = pixels.flat_map(|pixel| channels.positions(pixel));
+            places.filter_map(|at| self.samples.get(at).copied()).collect()
+        };
+        Image::new(width?, height?, samples)
     }
 }
 
