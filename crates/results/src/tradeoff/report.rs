@@ -130,10 +130,10 @@ const QUALITY_DECIMALS: usize = 4;
 
 /// `decimals`, or two more than it takes to show a number that would print as 0 and is not.
 fn decimals_of(value: f64, decimals: usize) -> usize {
-    const MOST_MORE: usize = 6;
+    const MAX_MORE: usize = 6;
     let prints_zero =
         |decimals: usize| format!("{value:.decimals$}").chars().all(|letter| matches!(letter, '-' | '0' | '.'));
-    match (decimals..=decimals + MOST_MORE).find(|decimals| !prints_zero(*decimals)) {
+    match (decimals..=decimals + MAX_MORE).find(|decimals| !prints_zero(*decimals)) {
         Some(more) if more > decimals => more + 2,
         _ => decimals,
     }
