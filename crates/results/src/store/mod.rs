@@ -41,11 +41,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_protocol::trial::ImageDigests;
+use rayon::prelude::*;
 use serde::Serialize;
 
 pub use data::KnownResults;
 pub use merge::{Merged, Unfinished, repeated_store};
-use rayon::prelude::*;
 pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 
