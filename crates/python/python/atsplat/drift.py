@@ -79,8 +79,8 @@ def accept_baseline(
         why: why these numbers are correct.
         repeats: results of repetitions of the run. Numbers of methods that are not deterministic may later change as much as these
             differ.
-        limits: how far the mean of a metric, such as ``psnr`` or ``PSNR``, may change in such methods, in its unit, instead of what ``repeats``
-            show. Limits of both kinds stay in later baselines until ``limits`` or ``repeats`` are given again.
+        limits: how far the mean of a metric, such as ``psnr`` or ``PSNR``, may change in such methods, in its unit, instead of what
+            ``repeats`` show. Limits of both kinds stay in later baselines until ``limits`` or ``repeats`` are given again.
 
     Raises:
         InvalidError: if no result has scores, if the run is unfinished, or if ``repeats`` are not of the same run.
