@@ -71,8 +71,8 @@ pub enum WarningKind {
     DroppedAlpha,
     /// An image has 16-bit samples, of which only the high byte is kept, as in all loaders of the field.
     DroppedLowBytes,
-    /// A PNG states that its samples are linear light, for a display of high dynamic range, or of a narrow range (`gAMA`, `cICP`); they
-    /// are used as they are, as in all loaders of the field.
+    /// A PNG states another encoding of its samples than that for a display, such as linear light, high dynamic range or a narrow range
+    /// (`gAMA`, `cICP`); they are used as they are, as in all loaders of the field.
     OtherEncoding,
     /// A scene of a dataset is stored twice, in two formats or two chunks, or listed twice in one; the first is used, or the one that
     /// the index lists.

@@ -101,7 +101,8 @@ impl Frame {
             warnings.push(WarningKind::DroppedLowBytes, scene, detail);
         }
         if header.has_other_encoding {
-            let found = "its header (gAMA or cICP) states linear light, high dynamic range or a narrow range";
+            let found = "its header (gAMA or cICP) states another encoding than that for a display, such as linear light, high \
+                         dynamic range or a narrow range";
             let detail = format!("frame {position}: {found}; samples are used as they are");
             warnings.push(WarningKind::OtherEncoding, scene, detail);
         }
@@ -231,7 +232,10 @@ mod tests {
         assert_eq!(reported(false).total(), 0);
         let warnings = reported(true);
         assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::OtherEncoding, 1)]);
-        assert!(warnings.kept()[0].detail.starts_with("frame 3: its header (gAMA or cICP) states "), "{warnings:?}");
+        assert!(
+            warnings.kept()[0].detail.starts_with("frame 3: its header (gAMA or cICP) states another encoding"),
+            "{warnings:?}"
+        );
     }
 
     #[test]
