@@ -106,7 +106,7 @@ fn rows_of_claims_start_from_the_embedded_weights() {
             continue;
         }
         let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
-        if name == "unified" || name.starts_with("separate-") || name.starts_with("yards") {
+        if ["unified", "separate-", "yards", "window"].iter().any(|start| name.starts_with(start)) {
             continue;
         }
         let row = read(&name);
@@ -154,24 +154,30 @@ fn rows_of_claims_start_from_the_embedded_weights() {
     }
 }
 
-/// The rows on yards are those of rooms with other samples and twice the learning rate.
+/// The rows on yards, and those for leads outside the window: as the rows on rooms, with other samples, at twice the learning rate, and
+/// some for longer.
 #[test]
-fn rows_on_yards_differ_from_those_on_rooms_in_samples_and_rate() {
+fn rows_with_other_samples_differ_in_nothing_else_but_rate_and_length() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/experiments/claims");
     let read = |name: &str| TrainConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
-    let yards = read("yards");
-    for (row, on_rooms) in [("yards", "k-4"), ("yards-random", "sparse-random"), ("yards-none-k11", "sparse-none-k11")]
-    {
-        let (row, on_rooms) = (read(row), read(on_rooms));
-        let name = on_rooms.model.config().unwrap().name;
-        let model = atsplat_model::ModelConfig { name, ..row.model.config().unwrap() };
-        assert_eq!(model, on_rooms.model.config().unwrap());
-        assert_eq!(row.model.fresh, on_rooms.model.fresh);
-        assert_eq!(row.data, yards.data);
-        Tolerance::F64.assert([row.schedule.learning_rate], [2.0 * on_rooms.schedule.learning_rate], "rate");
-        let (title, notes, data) = (on_rooms.title.clone(), on_rooms.notes.clone(), on_rooms.data.clone());
-        let (model, schedule) = (on_rooms.model.clone(), on_rooms.schedule);
-        assert_eq!(TrainConfig { title, notes, data, model, schedule, ..row }, on_rooms);
+    let yards = [("yards", "k-4"), ("yards-random", "sparse-random"), ("yards-none-k11", "sparse-none-k11")];
+    let window = [("window", "full"), ("window-ray-depth", "anchor-ray-depth")];
+    for (rows, times) in [(&yards[..], 1), (&window[..], 3)] {
+        let shared = read(rows[0].0).data;
+        for (name, on_rooms) in rows {
+            let (row, on_rooms) = (read(name), read(on_rooms));
+            let model = atsplat_model::ModelConfig {
+                name: on_rooms.model.config().unwrap().name,
+                ..row.model.config().unwrap()
+            };
+            assert_eq!(model, on_rooms.model.config().unwrap(), "{name}");
+            assert_eq!(row.model.fresh, on_rooms.model.fresh, "{name}");
+            assert_eq!(row.data, shared, "{name}: the samples of the other rows");
+            assert_eq!(row.steps.get(), times * on_rooms.steps.get(), "{name}");
+            Tolerance::F64.assert([row.schedule.learning_rate], [2.0 * on_rooms.schedule.learning_rate], name);
+            let TrainConfig { title, notes, data, model, schedule, steps, .. } = on_rooms.clone();
+            assert_eq!(TrainConfig { title, notes, data, model, schedule, steps, ..row }, on_rooms, "{name}");
+        }
     }
 }
 
