@@ -15,6 +15,7 @@ mod imported_constants;
 mod kept_images;
 mod methods;
 mod moved;
+mod networks;
 mod rows;
 mod runner;
 mod scene_names;
