@@ -30,12 +30,11 @@ pub(crate) enum Input<'a> {
 pub(crate) fn check_output(option: &str, out: &Path, inputs: &[Input<'_>]) -> anyhow::Result<()> {
     let shown = out.display();
     let places = places(out).with_context(|| format!("{option} {shown}"))?;
-    let is_at = |path: &Path| path.canonicalize().is_ok_and(|path| places[0] == path);
     let overwrites = |what: &str| format!("would overwrite the input {what}; choose another file");
     for input in inputs {
         let fault = match *input {
-            Input::File(what, path) if is_at(path) => overwrites(what),
-            Input::Toml(what, name) if is_toml_path(name) && is_at(Path::new(name)) => overwrites(what),
+            Input::File(what, path) if is_at(out, path) => overwrites(what),
+            Input::Toml(what, name) if is_toml_path(name) && is_at(out, Path::new(name)) => overwrites(what),
             Input::Dataset(data) if is_read_with(data, &places) => {
                 format!("would be read as part of the dataset {}; choose a path outside it", data.display())
             }
@@ -44,6 +43,11 @@ pub(crate) fn check_output(option: &str, out: &Path, inputs: &[Input<'_>]) -> an
         bail!("{option}: {shown} {fault}");
     }
     Ok(())
+}
+
+/// Whether an output, which may be missing, is at the path of an existing file or folder.
+pub(crate) fn is_at(out: &Path, existing: &Path) -> bool {
+    existing.canonicalize().is_ok_and(|existing| canonical_path(out).is_ok_and(|out| out == existing))
 }
 
 /// Where a file is: its canonical path, and those that a link in a dataset has, as a file and as a folder.

@@ -12,8 +12,8 @@ use atsplat_scene::{Fetch as _, ImageFolder, SceneSource, Warnings};
 
 use crate::dataset_args::ImageArgs;
 use crate::objects::{CacheArgs, RemoteData, with_urls};
+use crate::overwrite::is_at;
 use crate::parse;
-use crate::paths::canonical_path;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ProtocolArgs {
@@ -57,7 +57,7 @@ impl ProtocolArgs {
         let is_data = if atsplat_objects::url(&self.data).is_some() {
             self.data == out
         } else {
-            self.data.is_dir() && canonical_path(out).ok() == self.data.canonicalize().ok()
+            self.data.is_dir() && is_at(out, &self.data)
         };
         ensure!(!is_data, "--out: {} is the folder of the dataset; choose another one for the results", out.display());
         Ok(())
