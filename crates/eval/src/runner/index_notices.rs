@@ -38,8 +38,12 @@ pub(super) type Notices = BTreeMap<String, IndexNotice>;
 /// Irregularities of an index file that is none of the preset's own.
 pub(super) fn of_file(file: &IndexFile, preset: &Preset) -> Notices {
     let IndexFile { index, notices, .. } = file;
-    let found =
-        [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch(), preset.unusual_target_counts(index)];
+    let found = [
+        notices.unknown_fields_mismatch(),
+        notices.unscored_targets_mismatch(),
+        notices.overlap_words_mismatch(),
+        preset.unusual_target_counts(index),
+    ];
     let found = found.into_iter().flatten();
     let notice = |count, example| IndexNotice { count, example, missing: Missing::Nothing };
     found.map(|found| (found.kind, notice(found.count, found.example))).collect()

@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use atsplat_files::{FileError, Malformed, Sha256Digest};
+use atsplat_numeric::counted;
 use atsplat_scene::{WarningKind, Warnings};
 
 use super::read::{self, IndexNotices, Parsed};
@@ -28,7 +29,7 @@ impl IndexFile {
     /// # Errors
     /// [`ProtocolError::Malformed`] with scene key, field, element, line and column for text that is not JSON,
     /// a frame number that is negative, fractional or above [`super::IndexEntry::MAX_FRAME`], an overlap
-    /// outside [0, 1], and a missing or repeated field.
+    /// outside [0, 1] other than -1, a scored frame that is no target, and a missing or repeated field.
     pub fn parse(bytes: &[u8]) -> Result<Self, ProtocolError> {
         let Parsed { index, layout, notices } = read::parse(bytes)?;
         Ok(Self { index, layout, sha256: Sha256Digest::of(bytes), size: bytes.len() as u64, notices })
@@ -52,10 +53,16 @@ impl IndexFile {
         KnownIndex::by_sha256(&self.sha256).or_else(|| KnownIndex::by_content(&self.index.content_hash()))
     }
 
-    /// Warns of fields that are lost when a command writes a new index from this one.
+    /// Warns of fields, and of targets that are not scored, that are lost when a command writes a new index from this one.
     pub fn warn_of_unknown_fields(&self, path: &Path, warnings: &mut Warnings) {
         for (name, count) in &self.notices.unknown_fields {
             let detail = format!("{count} × field {name:?}, which the format does not define: not written");
+            warnings.push(WarningKind::UnknownIndexField, path.display().to_string(), detail);
+        }
+        if self.notices.unscored_targets > 0 {
+            let lost = counted(self.notices.unscored_targets, "target");
+            let detail =
+                format!("{lost} outside the field \"target_quantify\", which lists those to score: not written");
             warnings.push(WarningKind::UnknownIndexField, path.display().to_string(), detail);
         }
     }
@@ -91,6 +98,19 @@ mod tests {
         let file = IndexFile::read(&path).unwrap();
         assert_eq!((file.sha256, file.layout), (Sha256Digest::of(text.as_bytes()), IndexLayout::NOPOSPLAT));
         assert_eq!(file.into_unambiguous().unwrap(), index);
+    }
+
+    #[test]
+    fn what_is_not_written_is_a_warning() {
+        let json = br#"{"a": {"context": [0, 9], "target": [0, 3, 5, 9], "target_quantify": [3, 5], "note": 1}}"#;
+        let mut warnings = Warnings::new();
+        IndexFile::parse(json).unwrap().warn_of_unknown_fields(Path::new("index.json"), &mut warnings);
+        let lost: Vec<_> = warnings.kept().iter().map(|warning| (warning.kind, warning.detail.as_str())).collect();
+        let expected = [
+            "1 × field \"note\", which the format does not define: not written",
+            "2 targets outside the field \"target_quantify\", which lists those to score: not written",
+        ];
+        assert_eq!(lost, expected.map(|detail| (WarningKind::UnknownIndexField, detail)));
     }
 
     #[test]

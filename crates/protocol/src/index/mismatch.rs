@@ -166,6 +166,15 @@ impl IndexNotices {
         })
     }
 
+    /// Frames that `MVSplat360` renders, but does not score.
+    pub fn unscored_targets_mismatch(&self) -> Option<IndexMismatch> {
+        (self.unscored_targets > 0).then(|| IndexMismatch {
+            kind: "frames of the field target that are no targets".to_owned(),
+            count: self.unscored_targets,
+            example: "the field target_quantify lists those to score".to_owned(),
+        })
+    }
+
     /// Overlaps given as words; the numbers substituted for them are not measurements.
     pub fn overlap_words_mismatch(&self) -> Option<IndexMismatch> {
         let word = self.first_overlap_word.as_deref()?;

@@ -1,7 +1,8 @@
 //! Evaluation indices: the context and target frames of every scene.
 //!
 //! One file format serves pixelSplat, MVSplat, DepthSplat, NoPoSplat, YoNoSplat and latentSplat
-//! (`assets/evaluation_index_*.json`): an object from scene keys to `null`, an entry, or a list of entries.
+//! (`assets/evaluation_index_*.json`): an object from scene keys to `null`, an entry, or a list of entries. `MVSplat360`'s
+//! `target_quantify` lists which frames of `target` are scored: the others are left out.
 //! [`EvaluationIndex`] is the content of such a file; [`IndexFile`] is the file itself, with the hash of its bytes,
 //! its formatting and its irregularities.
 

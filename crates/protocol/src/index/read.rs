@@ -1,5 +1,5 @@
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use atsplat_files::{Malformed, shortened};
@@ -16,6 +16,10 @@ pub const OVERLAP_OF_LARGE: f64 = 0.75;
 /// The value NoPoSplat uses for every other overlap word (same line), including `"medium"`, which thus counts as
 /// small.
 pub const OVERLAP_OF_OTHER_WORDS: f64 = 0.25;
+
+/// What NoPoSplat's index of `ScanNet++` has in place of an overlap, which was not measured
+/// (`assets/evaluation_index_scannetpp.json`).
+const OVERLAP_NOT_MEASURED: f64 = -1.0;
 
 /// The words that NoPoSplat's tagger writes (`src/misc/utils.py:38-48`).
 const OVERLAP_WORDS: [&str; 4] = ["small", "medium", "large", "ignore"];
@@ -34,12 +38,16 @@ pub struct IndexNotices {
     pub duplicate_keys: Vec<String>,
     /// Fields of entries that the format does not define, with their number of occurrences. They are dropped.
     pub unknown_fields: BTreeMap<String, u64>,
+    /// Frames of the field `target` that are no targets, because `target_quantify` lists those to score.
+    pub unscored_targets: u64,
     /// Entries whose overlap is a word instead of a number, read as [`OVERLAP_OF_LARGE`] or
     /// [`OVERLAP_OF_OTHER_WORDS`].
     pub overlap_words: u64,
     /// The first of these words.
     #[serde(skip)]
     pub first_overlap_word: Option<String>,
+    /// Entries with -1 as their overlap, which NoPoSplat writes where none was measured: read as none.
+    pub unmeasured_overlaps: u64,
 }
 
 /// The content of an index text, its layout and its irregularities.
@@ -236,11 +244,12 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
         let Self(reading) = self;
-        let (mut context, mut target, mut overlap, mut estimator) = (None, None, None, None);
+        let (mut context, mut target, mut scored, mut overlap, mut estimator) = (None, None, None, None, None);
         while let Some(name) = map.next_key::<String>()? {
             match name.as_str() {
                 "context" => reading.field("context", &mut context, map.next_value_seed(FramesSeed(reading)))?,
                 "target" => reading.field("target", &mut target, map.next_value_seed(FramesSeed(reading)))?,
+                SCORED => reading.field(SCORED, &mut scored, map.next_value::<Option<Vec<Frame>>>())?,
                 "overlap" => reading.field("overlap", &mut overlap, map.next_value_seed(OverlapSeed(reading)))?,
                 ESTIMATOR => reading.field(ESTIMATOR, &mut estimator, map.next_value::<Option<String>>())?,
                 _ => {
@@ -250,12 +259,32 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
             }
         }
         let overlap = reading.within(overlap_of(overlap.flatten(), estimator.flatten()), || Step::Field(ESTIMATOR))?;
-        Ok(IndexEntry {
-            context: context.ok_or_else(|| absent("context"))?,
-            target: target.ok_or_else(|| absent("target"))?,
-            overlap,
-        })
+        let context = context.ok_or_else(|| absent("context"))?;
+        let rendered = target.ok_or_else(|| absent("target"))?;
+        let target = reading.within(
+            scored_targets(rendered, scored.flatten(), &mut reading.notices.borrow_mut().unscored_targets),
+            || Step::Field(SCORED),
+        )?;
+        Ok(IndexEntry { context, target, overlap })
     }
+}
+
+/// The targets that are scored, and how many others are rendered. `MVSplat360` renders 14 frames for its video model and keeps the images
+/// of the scored ones alone (`src/model/model_wrapper.py:316-350`).
+fn scored_targets<E: Error>(
+    rendered: Vec<usize>,
+    scored: Option<Vec<Frame>>,
+    unscored: &mut u64,
+) -> Result<Vec<usize>, E> {
+    let Some(scored) = scored else { return Ok(rendered) };
+    let scored: Vec<usize> = scored.into_iter().map(|Frame(frame)| frame).collect();
+    let all: BTreeSet<usize> = rendered.iter().copied().collect();
+    if let Some(other) = scored.iter().find(|frame| !all.contains(*frame)) {
+        return Err(E::custom(format!("frame {other}, which is no target, expected frames of the field target")));
+    }
+    let kept: BTreeSet<usize> = scored.iter().copied().collect();
+    *unscored += rendered.iter().filter(|frame| !kept.contains(*frame)).count() as u64;
+    Ok(scored)
 }
 
 /// An estimator without a value is an error.
@@ -272,6 +301,10 @@ fn absent<E: Error>(field: &str) -> E {
 
 /// Which estimator measured an entry's overlap: a field of this toolkit, which published loaders ignore.
 const ESTIMATOR: &str = "overlap_estimator";
+
+/// Which frames of `target` are scored: a field of `MVSplat360`'s indices
+/// (`src/dataset/view_sampler/view_sampler_evaluation.py:95-99`).
+const SCORED: &str = "target_quantify";
 
 impl<'de> Visitor<'de> for FramesSeed<'_> {
     type Value = Vec<usize>;
@@ -332,6 +365,9 @@ impl Visitor<'_> for OverlapSeed<'_> {
     fn visit_f64<E: Error>(self, value: f64) -> Result<Self::Value, E> {
         if (0.0..=1.0).contains(&value) {
             Ok(Some(value))
+        } else if value.total_cmp(&OVERLAP_NOT_MEASURED).is_eq() {
+            self.0.notices.borrow_mut().unmeasured_overlaps += 1;
+            Ok(None)
         } else {
             Err(E::invalid_value(Unexpected::Float(value), &self))
         }

@@ -74,6 +74,15 @@ impl LintReport {
             let words =
                 ["overlap given as a word, read as NoPoSplat does", "overlaps given as words, read as NoPoSplat does"];
             odd.push((file.notices.overlap_words, words));
+            odd.push((
+                file.notices.unmeasured_overlaps,
+                ["overlap of -1, read as none", "overlaps of -1, read as none"],
+            ));
+            let unscored = [
+                "frame of the field \"target\" is no target: \"target_quantify\" lists those to score",
+                "frames of the field \"target\" are no targets: \"target_quantify\" lists those to score",
+            ];
+            odd.push((file.notices.unscored_targets, unscored));
         }
         let counts = odd.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| phrase(count, what));
         let fields = self.file.iter().flat_map(|file| &file.notices.unknown_fields);

@@ -113,6 +113,41 @@ fn reads_overlap_words_as_noposplat_does() {
     assert_eq!(IndexFile::parse(b"{}").unwrap().notices.overlap_words_mismatch(), None);
 }
 
+/// The first entries of `MVSplat360`'s `re10k_inter_14_target_views_match.json` and of pixelSplat's index, shortened.
+#[test]
+fn scored_targets_are_those_that_mvsplat360_scores() {
+    let rendered = br#"{"5aca87f95a9412c6":
+        {"context": [58, 133], "target": [58, 63, 84, 102, 118, 129], "target_quantify": [84, 102, 129]},
+        "e74ceac9043aa1b8": null, "whole": {"context": [1, 9], "target": [2, 3], "target_quantify": null}}"#;
+    let scored = br#"{"5aca87f95a9412c6": {"context": [58, 133], "target": [84, 102, 129]}, "e74ceac9043aa1b8": null,
+        "whole": {"context": [1, 9], "target": [2, 3]}}"#;
+    let [rendered, scored] = [&rendered[..], &scored[..]].map(|json| IndexFile::parse(json).unwrap());
+    assert_eq!(rendered.index, scored.index);
+    assert_eq!(rendered.index.content_hash(), scored.index.content_hash(), "it is recognised as the published index");
+    assert_eq!((rendered.notices.unscored_targets, rendered.notices.unknown_fields.len()), (3, 0));
+    let mismatch = rendered.notices.unscored_targets_mismatch().unwrap();
+    assert_eq!((mismatch.count, mismatch.kind.as_str()), (3, "frames of the field target that are no targets"));
+    assert_eq!(scored.notices.unscored_targets_mismatch(), None);
+    let other = message(r#"{"k": {"context": [1, 9], "target": [2, 3], "target_quantify": [3, 4]}}"#);
+    assert!(other.contains("scene \"k\", field target_quantify, line 1 column "), "{other}");
+    assert!(other.ends_with(": expected frames of the field target, found frame 4, which is no target"), "{other}");
+}
+
+/// NoPoSplat's index of `ScanNet++` has -1.0 in each entry.
+#[test]
+fn an_overlap_that_was_not_measured_is_none() {
+    let json = r#"{"be2e10f16a_iphone": {"context": [184, 192], "target": [184, 187, 190], "overlap": -1.0},
+        "b": {"context": [0, 9], "target": [3], "overlap": -1}, "c": {"context": [0, 9], "target": [3], "overlap": 1}}"#;
+    let file = IndexFile::parse(json.as_bytes()).unwrap();
+    let overlaps: Vec<_> = file.index.entries().map(|(_, _, entry)| entry.overlap.clone()).collect();
+    assert_eq!(overlaps, [None, None, Some(Overlap::from(1.0))]);
+    assert_eq!((file.notices.unmeasured_overlaps, file.notices.overlap_words), (2, 0));
+    for value in ["-0.5", "-1.5", "-2"] {
+        let message = message(&format!(r#"{{"k": {{"context": [], "target": [], "overlap": {value}}}}}"#));
+        assert!(message.contains("expected a number from 0 to 1"), "{message}");
+    }
+}
+
 #[test]
 fn counts_unknown_fields_and_resolves_duplicate_keys_as_python_does() {
     let json = r#"{"a": {"context": [1], "target": [], "note": [[{}]], "z": 1},
