@@ -24,7 +24,7 @@ use crate::EvalError;
 ///
 /// | layout | written by |
 /// |---|---|
-/// | `<scene>/color/000029.png` | pixelSplat, MVSplat, DepthSplat, NoPoSplat: `test.save_image`, `src/model/model_wrapper.py` |
+/// | `<scene>/color/000029.png` | pixelSplat, MVSplat, NoPoSplat; DepthSplat below `images`: `test.save_image`, `src/model/model_wrapper.py` |
 /// | `<scene>/000029.png` | `atsplat run --keep-images all`, most others |
 /// | `<scene>/29.png` | programs that pad to fewer digits: one to five |
 ///
