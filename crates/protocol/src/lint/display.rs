@@ -11,7 +11,7 @@ impl fmt::Display for LintReport {
         }
         row(f, "content", &format!("sha256 {}", self.content_sha256))?;
         match self.recognised {
-            None => row(f, "recognised", "no: not an official index file")?,
+            None => row(f, "recognised", "no: none of the published files that atsplat knows")?,
             Some(recognised) => {
                 let known = recognised.known;
                 let how = if recognised.by_bytes { "" } else { ", same content in other bytes" };
