@@ -65,7 +65,11 @@ mod tests {
             .filter(|preset| preset.stands_for.is_none() && !stand_ins.contains(&preset.name))
             .map(|preset| preset.name)
             .collect();
-        assert_eq!(without, ["acid-2v-256", "photos-3v-256"], "landscapes from the air are not simulated");
+        assert_eq!(
+            without,
+            ["acid-2v-256", "acid-overlap", "photos-3v-256"],
+            "landscapes from the air are not simulated"
+        );
         for dataset in &datasets {
             let index = &dataset.index;
             assert!(!index.index.scenes.is_empty() && index.index.scenes.len() <= 2);

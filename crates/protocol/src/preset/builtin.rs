@@ -11,6 +11,7 @@ pub(super) const TEXTS: Embedded = texts![
     "re10k-2v-256",
     "re10k-overlap",
     "acid-2v-256",
+    "acid-overlap",
     "dl3dv-2v-256x448",
     "dl3dv-4v-256x448",
     "dl3dv-6v-256x448",

@@ -157,6 +157,7 @@ mod tests {
             ("re10k-2v-256", "4db8a464281c50c9162c47688b9d330ecf07eec2409b063cfaef62cc7cd7474b"),
             ("re10k-overlap", "5a165eef3a28ce42c26fa1dd7d68d91a485d36168426e6fe851f22cb8d764296"),
             ("acid-2v-256", "f3e5541093aecd4e4d046bb7a54dd720de03546e1880ddf8f18ab67aeb860fb1"),
+            ("acid-overlap", "7d9ce42a53b8a3d71127d06bcc67f07a6951e6aa6bd0566a04b6927b1643ab0d"),
             ("dl3dv-2v-256x448", "caca8be543f5c52e07191938c92a0e8ccfb68c6af1c353c7425e3b65ba7b5d84"),
             ("dl3dv-4v-256x448", "6c60f8cb73bc5b7240455342f669b35c6fc06fc4d472e4464a8e59ebb3b2163b"),
             ("dl3dv-6v-256x448", "74fbbff5e9f36d9cb21eac4c171cf6123e6dcc08a03498759d09259b7c44663b"),
