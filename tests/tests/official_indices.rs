@@ -27,6 +27,20 @@ const FILES: [(&str, &str); 12] = [
     ("latentsplat-re10k-extra", "latentsplat/re10k_extra.json"),
 ];
 
+/// Those whose files are not among the shared data: their hashes were taken from the published files.
+const NOT_AT_HAND: [&str; 10] = [
+    "latentsplat-re10k-intra",
+    "mvsplat360-dl3dv-5v",
+    "mvsplat360-dl3dv-5v-n150",
+    "zpressor-dl3dv-12v",
+    "zpressor-dl3dv-16v",
+    "zpressor-dl3dv-24v",
+    "zpressor-dl3dv-36v",
+    "volsplat-re10k-6v",
+    "volsplat-acid-6v",
+    "spfsplatv2-dl3dv-2v",
+];
+
 struct Official(PathBuf);
 
 impl Official {
@@ -51,8 +65,8 @@ impl Official {
 #[test]
 fn every_official_file_is_recognised_and_written_back_byte_for_byte() {
     let Some(official) = Official::of("every_official_file_is_recognised") else { return };
-    assert_eq!(FILES.len(), KNOWN_INDICES.len());
-    for known in KNOWN_INDICES {
+    assert_eq!(FILES.len() + NOT_AT_HAND.len(), KNOWN_INDICES.len());
+    for known in KNOWN_INDICES.iter().filter(|known| !NOT_AT_HAND.contains(&known.name)) {
         let bytes = std::fs::read(official.path(known.name)).unwrap();
         let file = IndexFile::parse(&bytes).unwrap();
         assert_eq!(file.sha256, known.sha256, "{}", known.name);
