@@ -51,6 +51,18 @@ fn the_text_shows_what_the_json_holds() {
     insta::assert_snapshot!(serde_json::to_string_pretty(&report(ODD)).unwrap());
 }
 
+/// Two of three frames are inputs, and neither is a target.
+#[test]
+fn frames_that_are_not_scored_and_overlaps_that_were_not_measured_are_odd() {
+    let entry = r#"{"context": [0, 9], "target": [0, 3, 9], "target_quantify": [3], "overlap": -1.0}"#;
+    let report = report(&format!(r#"{{"a": {entry}}}"#));
+    assert_eq!((report.targets, report.leaked.targets, report.overlap.is_none()), (1, 0, true));
+    let text = report.to_string();
+    assert!(text.contains("odd                 1 overlap of -1, read as none\n"), "{text}");
+    let unscored = "2 frames of the field \"target\" are no targets: \"target_quantify\" lists those to score\n";
+    assert!(text.contains(unscored), "{text}");
+}
+
 #[test]
 fn an_empty_index_has_no_spreads_and_no_percentages() {
     let text = report("{}").to_string();
