@@ -7,7 +7,8 @@ use super::check::sized;
 use super::windows::views_field;
 
 impl TrainConfig {
-    /// Settings that are beyond what others leave to them, so that the run is one with lower numbers, and scores that no loss trains.
+    /// Settings that are beyond what others leave to them, so that the run is one with lower numbers; gaps that it does not reach; and
+    /// scores that no loss trains.
     pub(crate) fn notices(&self, model: &ModelConfig) -> Vec<String> {
         let settings = [
             self.larger_micro_batch(),
@@ -15,7 +16,7 @@ impl TrainConfig {
             self.more_neighbours(model),
             self.untrained_scores(model),
         ];
-        settings.into_iter().flatten().chain(self.smaller_gaps()).collect()
+        settings.into_iter().flatten().chain(self.smaller_gaps()).chain(self.unreached_gaps()).collect()
     }
 
     /// For each source with gaps that give no sample, the first number of views that has such gaps.
@@ -32,6 +33,22 @@ impl TrainConfig {
                          {least} leave no room for the views, their targets and insets"
                     )
                 })
+            })
+        })
+    }
+
+    /// For each source of the training whose gaps still grow when the run ends, those of its last step: its record names the last ones.
+    fn unreached_gaps(&self) -> impl Iterator<Item = String> {
+        let steps = self.steps.get();
+        self.data.iter().enumerate().filter_map(move |(at, data)| {
+            let gaps = data.source.views().gaps;
+            let ((smallest, largest), last) = (gaps.at(steps - 1), (gaps.min, gaps.max));
+            let field = views_field(&format!("data[{at}].source"), &data.source);
+            (gaps.warm_up_steps > steps && (smallest, largest) != last).then(|| {
+                format!(
+                    "{field}.gaps.warm-up-steps: {} in a run of {steps}, whose last gaps are {smallest} to {largest}, not {} to {}",
+                    gaps.warm_up_steps, gaps.min, gaps.max
+                )
             })
         })
     }
@@ -111,6 +128,25 @@ mod tests {
         };
         assert_eq!(notices("[2, 2]", "min = 3, max = 8", 2), [notice("3 to 8", 2, 4)]);
         assert_eq!(notices("[2, 4]", "min = 6, max = 9", 2), [notice("3 to 4", 2, 4)]);
+    }
+
+    /// After 7 of 16 steps, gaps have grown by 7/16, rounded down: 3 of 8 frames, and 7 of 16.
+    #[test]
+    fn gaps_that_a_run_does_not_reach_are_reported() {
+        let notices = |gaps: &str| {
+            let mut config = TrainConfig::shortest();
+            let views = format!("context = [2, 2]\ntargets = 1\ngaps = {{ {gaps} }}");
+            if let Some(SourceConfig::Rooms(rooms)) = config.data.first_mut().map(|data| &mut data.source) {
+                rooms.views = toml::from_str(&views).unwrap();
+            }
+            config.notices(&config.model.config().unwrap())
+        };
+        let growing = "min = 10, max = 26, initial-min = 2, initial-max = 10, warm-up-steps = ";
+        let expected = "data[0].source.rooms.views.gaps.warm-up-steps: 16 in a run of 8, whose last gaps are 5 to 17, not 10 to 26";
+        assert_eq!(notices(&format!("{growing}16")), [expected]);
+        assert_eq!(notices(&format!("{growing}8")), [""; 0], "as long as the run");
+        let constant = "min = 10, max = 26, initial-min = 10, initial-max = 26, warm-up-steps = 16";
+        assert_eq!(notices(constant), [""; 0]);
     }
 
     /// Two views of 256x256 have 256 patches of 16 pixels each.
