@@ -8,7 +8,7 @@ use atsplat_model::config::BackboneConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{
     ImportedBackbone, ImportedFile, KeyMap, KnownFile, ModelWeights, Precision, StoredTensors, TensorFile,
-    read_backbone,
+    read_backbone, training_data,
 };
 use atsplat_train::CheckpointFile;
 
@@ -115,7 +115,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(out) = out {
         // What a weights file says about its training is also true for a copy.
         let mut provenance = imported.map(|weights| weights.provenance).unwrap_or_default();
-        provenance.extend(report.provenance());
+        for (key, value) in report.provenance() {
+            // Of weights that were imported before, this file is not the origin.
+            let value = match provenance.get(&key) {
+                Some(before) => training_data::continued(&value, before),
+                None => value,
+            };
+            provenance.insert(key, value);
+        }
         args.add_notes(&mut provenance)?;
         tensors.tensors.extend(backbone.into_iter().flat_map(|backbone| backbone.tensors.tensors));
         let weights = ModelWeights::new(config, provenance, &tensors)?;

@@ -240,7 +240,11 @@ fn a_note_replaces_nothing() {
     for (notes, code, expected) in [
         (&["--note", "steps=1", "--note", " data =fake"][..], 1, "states data = \"none\"; use other keys"),
         (&["--note", "imported-sha256=00"], 1, "states imported-sha256 = "),
-        (&["--note", "data=a", "--note", "key-map=b"], 1, "states data = \"none\", key-map = \"identity\"; "),
+        (
+            &["--note", "data=a", "--note", "key-map=b"],
+            1,
+            "states data = \"none\", key-map = \"identity; before: other\"; ",
+        ),
         (&["--note", "steps=1", "--note", "steps=2"], 2, "--note: steps is given twice"),
     ] {
         let rejected = atsplat(here, &[&copy[..], notes].concat());
@@ -250,6 +254,8 @@ fn a_note_replaces_nothing() {
     succeed(here, &[&copy[..], &["--note", "steps=1"]].concat());
     let copy = ModelWeights::read(&here.join("copy.safetensors")).unwrap();
     assert_eq!((copy.provenance["data"].as_str(), copy.provenance["steps"].as_str()), ("none", "1"));
+    let origins = ["imported-from", "key-map"].map(|key| copy.provenance[key].as_str());
+    assert_eq!(origins, ["ours.safetensors; before: theirs.safetensors", "identity; before: other"]);
     succeed(here, &["weights", "import", "copy.safetensors", "--out", "without-model.safetensors"]);
     let again = ModelWeights::read(&here.join("without-model.safetensors")).unwrap();
     assert_eq!((again.config, again.provenance["steps"].as_str()), (copy.config, "1"));

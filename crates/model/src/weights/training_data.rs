@@ -11,7 +11,8 @@ pub fn of_sources(sources: impl IntoIterator<Item = String>) -> String {
     sources.into_iter().collect::<Vec<_>>().join(AND)
 }
 
-/// The description of a training's data, and of that of the weights from which it began.
+/// The description of a training's data, and of that of the weights from which it began; or what is recorded of an import, and of the one
+/// before it.
 pub fn continued(data: &str, before: &str) -> String {
     format!("{data}{BEFORE}{before}")
 }
