@@ -95,6 +95,8 @@ pub struct Trainer {
     reported_warnings: Warnings,
     /// Scenes whose replaced draws were reported.
     reported_replaced_scenes: BTreeSet<String>,
+    /// Number of scenes that were reported because samples of theirs have poses without a stable normalisation.
+    reported_unstable_scenes: usize,
     /// Number of replaced draws before the next step.
     replaced_so_far: u64,
     folder: PathBuf,
@@ -260,8 +262,8 @@ impl Trainer {
         Err(TrainError::Untrained { steps: self.state.step, last })
     }
 
-    /// Reports each kind of warning whose count grew since the last report, with its first example, and replaced draws if they are of
-    /// more scenes.
+    /// Reports each kind of warning whose count grew since the last report, with its first example, and replaced draws and poses without
+    /// a stable normalisation if they are of more scenes.
     fn report_warnings(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) {
         let warnings = self.warnings();
         let reported = |kind| self.reported_warnings.count(kind);
@@ -274,6 +276,11 @@ impl Trainer {
             replaced.log_new(&self.reported_replaced_scenes);
             on_event(&Event::Replaced(&replaced));
             self.reported_replaced_scenes.extend(replaced.scenes.into_keys());
+        }
+        let unstable = self.samples.unstable_poses();
+        if unstable.scenes.len() > self.reported_unstable_scenes {
+            on_event(&Event::Notice(&unstable.to_string()));
+            self.reported_unstable_scenes = unstable.scenes.len();
         }
     }
 

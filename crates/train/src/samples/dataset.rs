@@ -17,7 +17,8 @@ use serde::{Deserialize, Serialize};
 use super::data_warnings::DatasetWarnings;
 use super::exclude::scene_name;
 use super::{
-    DataWarnings, ExcludedScenes, PosedImages, ReplacedDraws, Sample, SampleId, Source, ViewChoice, first_sample,
+    DataWarnings, ExcludedScenes, PosedImages, ReplacedDraws, Sample, SampleId, Source, UnstablePoses, ViewChoice,
+    first_sample,
 };
 use crate::TrainError;
 use crate::config::{WHAT, size_problem};
@@ -138,10 +139,11 @@ pub struct DatasetSource {
     counted: Mutex<Counted>,
 }
 
-/// What was wrong with the data so far, and what was drawn in vain.
+/// What was wrong with the data so far, what was drawn in vain, and whose poses have no stable normalisation.
 struct Counted {
     warnings: DatasetWarnings,
     replaced: ReplacedDraws,
+    unstable: UnstablePoses,
 }
 
 impl DatasetSource {
@@ -181,7 +183,8 @@ impl DatasetSource {
             ));
         }
         let recipe = TrialRecipe { pose_normalisation: normalisation, ..TrialRecipe::of(&preset, "ATSplat") };
-        let counted = Counted { warnings: DatasetWarnings::new(opening), replaced: ReplacedDraws::default() };
+        let (replaced, unstable) = (ReplacedDraws::default(), UnstablePoses::default());
+        let counted = Counted { warnings: DatasetWarnings::new(opening), replaced, unstable };
         let (identity, counted) = (config.identity(&preset), Mutex::new(counted));
         Ok(Self { config, dataset, keys, recipe, network: None, notices, identity, counted })
     }
@@ -191,8 +194,8 @@ impl DatasetSource {
         Self { network: Some(network), ..self }
     }
 
-    /// Draws a sample, so that data without any are an error before the first step. What is drawn here in vain is not counted: the run
-    /// does not draw it.
+    /// Draws a sample, so that data without any are an error before the first step. It is not counted, nor what is drawn in vain: the run
+    /// may not draw them.
     ///
     /// # Errors
     /// As [`Source::sample`], if none of the first few draws gives a sample.
@@ -202,6 +205,7 @@ impl DatasetSource {
         let sample = |number| self.sample(SampleId { seed, number, step: 0 }).map(drop);
         let found = (1..TRIED).fold(sample(0), |outcome, number| outcome.or_else(|_error| sample(number)));
         self.counted().replaced = ReplacedDraws::default();
+        self.counted().unstable = UnstablePoses::default();
         found
     }
 
@@ -281,10 +285,11 @@ impl DatasetSource {
         let (Some(context), Some(targets)) = (context, targets) else {
             return Err(format!("{name}: expected images of one size"));
         };
-        match self.network.as_ref().and_then(|network| size_problem(context.size, network)) {
-            Some(why) => Err(format!("{name}: {why}")),
-            None => Ok(Sample { name, context, targets, distances: None }),
+        if let Some(why) = self.network.as_ref().and_then(|network| size_problem(context.size, network)) {
+            return Err(format!("{name}: {why}"));
         }
+        self.counted().unstable.add(key, &name, &trial.normalisation().fallbacks);
+        Ok(Sample { name, context, targets, distances: None })
     }
 }
 
@@ -315,6 +320,10 @@ impl Source for DatasetSource {
 
     fn replaced_count(&self) -> u64 {
         self.counted().replaced.count
+    }
+
+    fn unstable_poses(&self) -> UnstablePoses {
+        self.counted().unstable.clone()
     }
 
     fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {

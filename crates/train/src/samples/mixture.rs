@@ -2,7 +2,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_model::weights::training_data;
 use atsplat_numeric::SplitMix64;
 
-use super::{DataWarnings, ReplacedDraws, Sample, SampleId, Source, mirrored};
+use super::{DataWarnings, ReplacedDraws, Sample, SampleId, Source, UnstablePoses, mirrored};
 use crate::TrainError;
 use crate::config::WHAT;
 
@@ -91,6 +91,14 @@ impl Source for Mixture {
 
     fn replaced_count(&self) -> u64 {
         self.sources.iter().map(|(_, source)| source.replaced_count()).sum()
+    }
+
+    fn unstable_poses(&self) -> UnstablePoses {
+        let mut unstable = UnstablePoses::default();
+        for (_, source) in &self.sources {
+            unstable.merge(source.unstable_poses());
+        }
+        unstable
     }
 
     fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {

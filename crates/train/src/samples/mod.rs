@@ -10,9 +10,10 @@ mod flip;
 mod mixture;
 mod replaced;
 mod rooms;
+mod unstable_poses;
 mod views;
 
-use atsplat_camera::{Camera, PoseNormalisation, WorldFromCamera, normalise};
+use atsplat_camera::{Camera, Fallback, PoseNormalisation, WorldFromCamera, normalise};
 use atsplat_files::Sha256Digest;
 use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
@@ -29,6 +30,7 @@ pub use mixture::Mixture;
 pub(crate) use mixture::description_of;
 pub use replaced::{ReplacedCount, ReplacedDraws};
 pub use rooms::{RoomsConfig, RoomsSource};
+pub use unstable_poses::UnstablePoses;
 pub use views::ViewChoice;
 
 use crate::TrainError;
@@ -106,6 +108,11 @@ pub trait Source: Send + Sync + std::fmt::Debug {
     /// The number of [`Self::replaced`], without its scenes.
     fn replaced_count(&self) -> u64 {
         self.replaced().count
+    }
+
+    /// Scenes with samples so far for whose poses the pose normalisation has no stable solution.
+    fn unstable_poses(&self) -> UnstablePoses {
+        UnstablePoses::default()
     }
 
     /// Hashes of the lists of scenes that samples are drawn from, each under its field in the configuration, for lists that can change
@@ -205,6 +212,8 @@ struct NormalisedCameras {
     targets: Vec<Camera>,
     /// Factor on all lengths.
     scale: f64,
+    /// What applied because the rule has no stable solution.
+    fallbacks: Vec<Fallback>,
 }
 
 /// Cameras normalised by a rule that depends on the context's poses.
@@ -226,5 +235,6 @@ fn normalised(
         context: with(context, &poses_of.context),
         targets: with(targets, &poses_of.targets),
         scale: poses_of.new_from_old.scale,
+        fallbacks: poses_of.fallbacks,
     })
 }

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    NormalisedCameras, PatchDistances, PosedImages, ReplacedDraws, Sample, SampleId, Source, ViewChoice, distances,
-    first_sample, normalised, pixel_size,
+    NormalisedCameras, PatchDistances, PosedImages, ReplacedDraws, Sample, SampleId, Source, UnstablePoses, ViewChoice,
+    distances, first_sample, normalised, pixel_size,
 };
 use crate::TrainError;
 
@@ -90,6 +90,7 @@ pub struct RoomsSource {
     patch: Option<usize>,
     cache: Mutex<Cache>,
     replaced: Mutex<ReplacedDraws>,
+    unstable: Mutex<UnstablePoses>,
 }
 
 /// The offered frames of a scene.
@@ -151,7 +152,8 @@ fn kept<T>(slot: &OnceLock<T>, make: impl FnOnce() -> Result<T, TrainError>) -> 
 impl RoomsSource {
     /// A source whose cameras are normalised by `normalisation`.
     pub fn new(config: RoomsConfig, normalisation: PoseNormalisation) -> Self {
-        Self { config, normalisation, patch: None, cache: Mutex::default(), replaced: Mutex::default() }
+        let (cache, replaced, unstable) = (Mutex::default(), Mutex::default(), Mutex::default());
+        Self { config, normalisation, patch: None, cache, replaced, unstable }
     }
 
     /// Samples have the exact distances of context patches of this many pixels a side.
@@ -210,6 +212,10 @@ impl RoomsSource {
         self.replaced.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn unstable(&self) -> MutexGuard<'_, UnstablePoses> {
+        self.unstable.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Counts a draw that gave no sample, and returns why.
     fn count_replaced(&self, key: &str, error: &impl std::fmt::Display) -> String {
         let reason = format!("{key}: {error}");
@@ -231,14 +237,16 @@ impl RoomsSource {
         };
         let cameras_of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
         let cameras = normalised(&cameras_of(&entry.context), &cameras_of(&entry.target), &self.normalisation);
-        let NormalisedCameras { context, targets, scale } = match cameras {
+        let NormalisedCameras { context, targets, scale, fallbacks } = match cameras {
             Ok(cameras) => cameras,
             Err(error) => return Ok(Err(self.count_replaced(&key, &error))),
         };
         let needed: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
         needed.into_par_iter().try_for_each(|frame| clip.image(frame).map(drop))?;
+        let name = format!("{key}, frames {:?} to {:?}", entry.context, entry.target);
+        self.unstable().add(&key, &name, &fallbacks);
         Ok(Ok(Sample {
-            name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
+            name,
             context: self.posed(&clip, &entry.context, context)?,
             targets: self.posed(&clip, &entry.target, targets)?,
             distances: self.patch.map(|patch| self.distances(&clip, &entry.context, patch, scale)).transpose()?,
@@ -277,6 +285,10 @@ impl Source for RoomsSource {
 
     fn replaced_count(&self) -> u64 {
         self.replaced_draws().count
+    }
+
+    fn unstable_poses(&self) -> UnstablePoses {
+        self.unstable().clone()
     }
 
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {

@@ -81,6 +81,7 @@ impl Trainer {
             evaluation_warnings,
             reported_warnings: Warnings::new(),
             reported_replaced_scenes: BTreeSet::new(),
+            reported_unstable_scenes: 0,
             folder: folder.to_owned(),
             _lock: lock,
         })
@@ -166,7 +167,9 @@ fn evaluation_of(
     if let Some(replaced) = &replaced {
         replaced.log_new(&BTreeSet::new());
     }
-    let of_source = source.notices().into_iter().chain(replaced.map(|replaced| replaced.to_string()));
+    let replaced = replaced.map(|replaced| replaced.to_string());
+    let unstable = source.unstable_poses().if_any().map(|unstable| unstable.to_string());
+    let of_source = source.notices().into_iter().chain(replaced).chain(unstable);
     notices.extend(of_source.map(|notice| format!("evaluation: {notice}")));
     Ok(Some(evaluation))
 }

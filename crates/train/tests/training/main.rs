@@ -15,4 +15,5 @@ mod paper;
 mod resuming;
 mod runs;
 mod sources;
+mod unstable_poses;
 mod update;
