@@ -97,6 +97,8 @@ pub struct Trainer {
     reported_replaced_scenes: BTreeSet<String>,
     /// Number of scenes that were reported because samples of theirs have poses without a stable normalisation.
     reported_unstable_scenes: usize,
+    /// Number of steps of this call whose gradient is 0.
+    zero_gradients: u64,
     /// Number of replaced draws before the next step.
     replaced_so_far: u64,
     folder: PathBuf,
@@ -210,8 +212,14 @@ impl Trainer {
         let (start, all) = (Instant::now(), self.config.steps.get());
         self.notices.drain(..).for_each(|notice| on_event(&Event::Notice(&notice)));
         self.report_warnings(on_event);
+        self.zero_gradients = 0;
         let trained = self.train(limits, start, on_event);
         self.report_warnings(on_event);
+        let zeros = self.zero_gradients;
+        // The first one was reported when it happened.
+        if zeros > 1 {
+            on_event(&Event::Notice(&format!("{zeros} steps trained nothing, as their gradients are 0")));
+        }
         let State { step, replaced, .. } = &self.state;
         if replaced.count > 0 {
             let total = format!("draws that gave no sample and were replaced, up to step {step}: {replaced}");

@@ -82,6 +82,7 @@ impl Trainer {
             reported_warnings: Warnings::new(),
             reported_replaced_scenes: BTreeSet::new(),
             reported_unstable_scenes: 0,
+            zero_gradients: 0,
             folder: folder.to_owned(),
             _lock: lock,
         })

@@ -105,6 +105,13 @@ impl Trainer {
         record.secs = start.elapsed().as_secs_f64();
         self.steps.append(&record)?;
         on_event(&Event::Step(&record));
+        if record.gradient_norm.is_some_and(|norm| norm <= 0.0) {
+            self.zero_gradients += 1;
+            if self.zero_gradients == 1 {
+                let why = "its gradient is 0, as where no target shows a Gaussian";
+                on_event(&Event::Notice(&format!("step {step} trained nothing: {why}")));
+            }
+        }
         if self.state.skipped_in_a_row >= self.config.most_faults.get() {
             let parameters = self.current_state().parameters.non_finite();
             let (in_a_row, skipped) = (self.state.skipped_in_a_row, std::mem::take(&mut self.skipped));

@@ -5,7 +5,7 @@ use crate::common::{Noise, SIZE, config, sample, trainer};
 use atsplat_model::network::{Device, Network};
 use atsplat_numeric::Tolerance;
 use atsplat_train::logs::{self, StepRecord};
-use atsplat_train::{GroupGradients, GroupInput, Objective, Parameters, Start, TrainConfig};
+use atsplat_train::{Event, GroupGradients, GroupInput, Limits, Objective, Parameters, Start, TrainConfig};
 use tempfile::tempdir;
 
 /// The gradients of a step's samples, through the public interface.
@@ -103,4 +103,29 @@ fn a_step_sees_the_same_samples_at_any_size_of_the_micro_batch() {
             Tolerance::relative(1e-5).assert(record.gradient_norm, first[0].gradient_norm, "norm of the mean gradient");
         }
     }
+}
+
+/// Gaussians without opacity are not drawn, so that no loss depends on them.
+#[test]
+fn steps_that_train_nothing_are_reported() {
+    let notices = |shift: &str| {
+        let mut config = config("");
+        let opacity = toml::Value::Table(format!("kind = 'sigmoid'\nshift = {shift}").parse().unwrap());
+        let head = config.model.changes.get_mut("head").and_then(toml::Value::as_table_mut).unwrap();
+        head.insert("opacity".to_owned(), opacity);
+        let (folder, mut notices) = (tempdir().unwrap(), Vec::new());
+        let mut on_event = |event: &Event<'_>| {
+            if let Event::Notice(text) = event
+                && text.contains("trained nothing")
+            {
+                notices.push((*text).to_owned());
+            }
+        };
+        let mut trainer = trainer(config, folder.path(), &Start::Fresh, Noise::CLEAN);
+        trainer.run(Limits { steps: Some(3), time: None }, &mut on_event).unwrap();
+        notices
+    };
+    assert_eq!(notices("0.0"), [""; 0]);
+    let first = "step 0 trained nothing: its gradient is 0, as where no target shows a Gaussian";
+    assert_eq!(notices("-100.0"), [first, "3 steps trained nothing, as their gradients are 0"]);
 }
