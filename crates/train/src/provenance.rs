@@ -9,6 +9,8 @@ use crate::{TrainConfig, TrainError};
 
 /// The name of the normalisation of poses.
 pub(crate) const POSE_NORMALISATION: &str = "pose-normalisation";
+/// The name of the colour behind the Gaussians.
+pub(crate) const BACKGROUND: &str = "background";
 
 /// What a run's weights are made with, beyond its configuration.
 pub(crate) struct MadeWith {
@@ -18,6 +20,11 @@ pub(crate) struct MadeWith {
     pub(crate) perceptual: String,
     /// What the data's names stood for: hashes of presets and of lists of scenes, generations of the simulator.
     pub(crate) identities: BTreeMap<String, String>,
+}
+
+/// The background of a run, as evaluations write theirs, to compare it.
+pub(crate) fn background(config: &TrainConfig) -> String {
+    format!("{:?}", config.losses.background)
 }
 
 /// The provenance of a run's weights after its latest step.
@@ -39,8 +46,7 @@ pub(crate) fn provenance(
         ("batch", config.batch.to_string()),
         ("perceptual-loss", perceptual),
         (POSE_NORMALISATION, config.pose_normalisation.name()),
-        // As evaluations write theirs, to compare it.
-        ("background", format!("{:?}", config.losses.background)),
+        (BACKGROUND, background(config)),
         ("training-configuration", config.to_toml()?),
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
     ];

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::weights::{beyond_f16, value_beyond_f16};
 use crate::parameters::{Parameters, is_within};
-use crate::provenance::POSE_NORMALISATION;
+use crate::provenance::{BACKGROUND, POSE_NORMALISATION, background};
 use crate::{TrainConfig, TrainError};
 
 /// Fields of a model's configuration that change no Gaussian ([`ModelConfig::hash`]).
@@ -21,7 +21,7 @@ const DESCRIPTIVE: [&str; 6] = ["name", "title", "notes", "inferred", "views", "
 const NAMED: usize = 4;
 
 /// How the network and the training of given weights differ from those of a run, one sentence each: settings of the network, tensors that
-/// are not read, other than those of `model.fresh`, and the normalisation of poses, if the file states it.
+/// are not read, other than those of `model.fresh`, the normalisation of poses and the background, if the file states them.
 ///
 /// # Errors
 /// [`TrainError::Malformed`] for a setting that JSON cannot represent.
@@ -46,9 +46,14 @@ pub(super) fn differences(
         let (count, all, names) = (unused.len(), given.len(), first_names(&unused));
         found.push(format!("initial weights: {count} of their {all} tensors are in no part of this network: {names}"));
     }
-    let current = config.pose_normalisation.name();
-    if let Some(theirs) = weights.provenance.get(POSE_NORMALISATION).filter(|theirs| **theirs != current) {
-        found.push(format!("initial weights: trained with poses normalised by {theirs}, now {current}"));
+    let stated = [
+        (POSE_NORMALISATION, "with poses normalised by", config.pose_normalisation.name()),
+        (BACKGROUND, "on the background", background(config)),
+    ];
+    for (key, how, current) in stated {
+        if let Some(theirs) = weights.provenance.get(key).filter(|theirs| **theirs != current) {
+            found.push(format!("initial weights: trained {how} {theirs}, now {current}"));
+        }
     }
     Ok(found)
 }
@@ -177,6 +182,17 @@ mod tests {
         );
         let unstated = ModelWeights { provenance: BTreeMap::new(), ..weights };
         assert!(!differences_of(&unstated, &(config, model)).iter().any(|text| text.contains("poses")));
+    }
+
+    #[test]
+    fn another_background_is_noted() {
+        let provenance = BTreeMap::from([(BACKGROUND.to_owned(), "[0.0, 0.0, 0.0]".to_owned())]);
+        let weights = ModelWeights { provenance, ..embedded("micro-rooms") };
+        let (mut config, model) = experiment("micro-rooms");
+        assert!(differences_of(&weights, &(config.clone(), model.clone())).is_empty());
+        config.losses.background = [0.0, 0.5, 1.0];
+        let expected = "initial weights: trained on the background [0.0, 0.0, 0.0], now [0.0, 0.5, 1.0]";
+        assert_eq!(differences_of(&weights, &(config, model)), [expected]);
     }
 
     /// Rows of claims have new heads and expansions, and the paper goes from one dataset and size to the next.
