@@ -8,7 +8,7 @@ use atsplat_files::{FileError, without_byte_order_mark};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::checks::cameras::count_and_first;
+use crate::checks::cameras::{count_and_first, imperfect_rotation};
 use crate::checks::intrinsics_unit::{far_off_middle, wrong_unit};
 use crate::files::last_name;
 use crate::nerfstudio::{camera_path, is_camera_path};
@@ -137,7 +137,9 @@ pub fn read(
     if let Some(list @ Value::Array(entries)) = &json
         && poses::is_list_of_poses(list)
     {
-        return cameras_from_poses(entries, path, lens);
+        let cameras = cameras_from_poses(entries, path, lens)?;
+        report_rotations(path, &cameras, warnings);
+        return Ok(cameras);
     }
     let cameras = match json {
         Some(path_of_viewer) if is_camera_path(&path_of_viewer) => camera_path(&path_of_viewer, path, warnings)?,
@@ -159,6 +161,9 @@ pub fn read(
             cameras?
         }
     };
+    if !is_dataset {
+        report_rotations(path, &cameras, warnings);
+    }
     if cameras.is_empty() {
         return Err(CameraFileError::Empty { path: path.to_owned() });
     }
@@ -205,6 +210,14 @@ fn report_implausible(path: &Path, cameras: &[FileCamera], warnings: &mut Warnin
     };
     if let Some(detail) = count_and_first(cameras, "cameras", problem) {
         warnings.push(WarningKind::ImplausibleIntrinsics, last_name(path), detail);
+    }
+}
+
+/// Counts the cameras whose rotation is farther from one than by rounding, as for those of datasets.
+fn report_rotations(path: &Path, cameras: &[FileCamera], warnings: &mut Warnings) {
+    let problem = |camera: &FileCamera| imperfect_rotation(&camera.camera.camera_from_world);
+    if let Some(detail) = count_and_first(cameras, "cameras", problem) {
+        warnings.push(WarningKind::ImperfectRotation, last_name(path), detail);
     }
 }
 
@@ -305,6 +318,7 @@ fn cameras_of_dataset(
 mod tests {
     use super::*;
     use glam::DVec3;
+    use serde_json::json;
 
     fn read_text(text: &str) -> Result<Vec<FileCamera>, CameraFileError> {
         let folder = tempfile::tempdir().unwrap();
@@ -394,6 +408,50 @@ mod tests {
         assert!(warning.detail.starts_with("1 of 2 cameras, first 1: expected a principal point near"), "{warning}");
         let (error, _) = outcome(&[camera("40", "32"), camera("70000", "32")]);
         assert!(error.unwrap_err().ends_with("camera 1, width: expected 1 to 65535 pixels, found 70000"));
+    }
+
+    /// Of two cameras, the second is sheared; the first is rounded to six decimals, as text is.
+    #[test]
+    fn rotations_that_are_none_are_counted_in_every_kind_of_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.json");
+        let rounded = [[0.955_336, 0.0, 0.295_52], [0.0, 1.0, 0.0], [-0.295_52, 0.0, 0.955_336]];
+        let sheared = [[1.0, 0.004, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let lens = LensOfPoses { fov: Some(60.0), size: Some(ImageSize { width: 40, height: 30 }) };
+        let matrix = |rotation: [[f64; 3]; 3]| -> Vec<f64> {
+            let with_translation = |row: [f64; 3]| [row[0], row[1], row[2], 0.5];
+            rotation.map(with_translation).concat()
+        };
+        let trained = |rotation: [[f64; 3]; 3]| {
+            json!({
+                "img_name": "a", "width": 40, "height": 30, "fx": 32, "fy": 32, "position": [0, 0, 0], "rotation": rotation,
+            })
+        };
+        let record = |rotation: [[f64; 3]; 3]| {
+            json!({
+                "number": 0, "name": "a", "width": 40, "height": 30, "camera-from-world": matrix(rotation),
+                "intrinsics": { "fx": 0.8, "fy": 1.0, "cx": 0.5, "cy": 0.5 },
+            })
+        };
+        let viewed = |rotation: [[f64; 3]; 3]| {
+            let rows = [matrix(rotation), vec![0.0, 0.0, 0.0, 1.0]].concat();
+            json!({ "camera_to_world": rows, "fov": 60 })
+        };
+        let path_of = |cameras: [Value; 2]| json!({ "render_width": 40, "render_height": 30, "camera_path": cameras });
+        for (file, lens) in [
+            (json!([matrix(rounded), matrix(sheared)]), lens),
+            (json!([trained(rounded), trained(sheared)]), LensOfPoses::default()),
+            (json!({ "views": [record(rounded), record(sheared)] }), LensOfPoses::default()),
+            (path_of([viewed(rounded), viewed(sheared)]), LensOfPoses::default()),
+        ] {
+            std::fs::write(&path, file.to_string()).unwrap();
+            let mut warnings = Warnings::new();
+            assert_eq!(read(&path, None, lens, &mut warnings).unwrap().len(), 2, "{file}");
+            let [warning] = warnings.kept() else { panic!("{file}: {warnings:?}") };
+            let expected = "1 of 2 cameras, first 1: expected R Rᵀ = I, found a deviation of 4.0e-3; det(R) is 1";
+            let found = (warning.kind, warning.scene.as_str(), warning.detail.as_str());
+            assert_eq!(found, (WarningKind::ImperfectRotation, "cameras.json", expected), "{file}");
+        }
     }
 
     /// Leaving it out would move those behind it.

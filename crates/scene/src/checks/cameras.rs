@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use atsplat_camera::Distortion;
+use atsplat_camera::{CameraFromWorld, Distortion};
 use atsplat_numeric::Tolerance;
 
 use crate::checks::image_mismatch::stretched_pixels;
@@ -58,15 +58,7 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
         is_distant
             .then(|| format!("expected coordinates of its centre within {FARTHEST_COORDINATE:e}, found {farthest:e}"))
     });
-    report(WarningKind::ImperfectRotation, &|frame| {
-        let pose = &frame.camera.camera_from_world;
-        let (determinant, residual) = (pose.determinant(), pose.orthonormality_residual());
-        if !Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0) {
-            return Some(format!("expected det(R) = 1, found {determinant}"));
-        }
-        (!ROUNDED.accepts(residual, 0.0))
-            .then(|| format!("expected R Rᵀ = I, found a deviation of {residual:.1e}; det(R) is 1"))
-    });
+    report(WarningKind::ImperfectRotation, &|frame| imperfect_rotation(&frame.camera.camera_from_world));
     report(WarningKind::ImplausibleIntrinsics, &|frame| {
         let is_off = || far_off_middle(&frame.camera.intrinsics);
         let (k, size) = (&frame.camera.intrinsics, frame.stated_size);
@@ -92,6 +84,16 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
     });
     let ends = LensEnds::default();
     report(WarningKind::LensEndsInside, &|frame| if has_unit(frame) { ends.inside(frame) } else { None });
+}
+
+/// What distinguishes the rotation of a pose from a rounded one; `None` if nothing does.
+pub(crate) fn imperfect_rotation(pose: &CameraFromWorld) -> Option<String> {
+    let (determinant, residual) = (pose.determinant(), pose.orthonormality_residual());
+    if !Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0) {
+        return Some(format!("expected det(R) = 1, found {determinant}"));
+    }
+    (!ROUNDED.accepts(residual, 0.0))
+        .then(|| format!("expected R Rᵀ = I, found a deviation of {residual:.1e}; det(R) is 1"))
 }
 
 /// How many items have a problem, and the problem of the first; `None` if there is none. `name` is what the items are called.
