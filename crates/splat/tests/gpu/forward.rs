@@ -130,6 +130,24 @@ fn matches_the_reference_for_extreme_shapes() {
     check(&mut gpu, &gaussians, &view, &everything(), "coincident");
 }
 
+/// Arithmetic may take denormals for zeros, but their bits say which rotation they are.
+#[test]
+fn matches_the_reference_for_quaternions_of_denormals() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = view(80, 60);
+    let mut parts = cloud(500, 1, 21).into_parts();
+    // 2^-140.
+    let tiny = f32::from_bits(1 << 9);
+    parts.quaternions.as_flattened_mut().iter_mut().for_each(|part| *part *= tiny);
+    assert!(parts.quaternions.as_flattened().iter().all(|part| !part.is_normal()));
+    let gaussians = Gaussians::new(parts).unwrap();
+    let drawn = reference::render(&gaussians, &view, &everything()).unwrap().counts.drawn;
+    assert!(drawn > 100, "{drawn}");
+    check(&mut gpu, &gaussians, &view, &everything(), "denormals");
+    let gradients = gpu.backward(&gaussians, &view, &everything(), &narrow(&image_gradients(&view))).unwrap();
+    assert_eq!(gradients.non_finite(), 0);
+}
+
 /// Gaussians that cover the image, with centres on both sides of the limits that every renderer has.
 #[test]
 fn culls_centres_too_far_aside_or_too_deep() {

@@ -89,6 +89,24 @@ fn is_near_image(centre: vec2<f32>) -> bool {
 // Distance from the camera beyond which f32 arithmetic would overflow: 2^60.
 const FARTHEST: f32 = 1.152921504606847e18;
 
+// A quaternion divided by a power of two, after which its largest part is a normal number.
+struct Lifted {
+    parts: vec4<f32>,
+    largest: f32,
+    exponent: i32,
+}
+
+// `magnitudes` are the bits of the parts without their signs, `largest` is the largest of them.
+fn lifted_quaternion(quaternion: vec4<f32>, magnitudes: vec4<u32>, largest: u32) -> Lifted {
+    if largest >= 0x00800000u {
+        return Lifted(quaternion, bitcast<f32>(largest), 0);
+    }
+    // Bits of denormals are multiples of 2^-149.
+    let signs = bitcast<vec4<u32>>(quaternion) & vec4(0x80000000u);
+    let parts = bitcast<vec4<f32>>(bitcast<vec4<u32>>(vec4<f32>(magnitudes)) | signs);
+    return Lifted(parts, f32(largest), -149);
+}
+
 fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit: f32, filter_3d: f32) -> Geometry {
     var g: Geometry;
     g.outcome = INVALID;
@@ -125,22 +143,21 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
         return g;
     }
 
-    let largest = max(max(abs(quaternion.x), abs(quaternion.y)), max(abs(quaternion.z), abs(quaternion.w)));
-    let all_finite = is_finite(quaternion.x) && are_finite(quaternion.yzw);
+    // Compared as bits, because arithmetic may take denormals for zero.
+    let magnitudes = bitcast<vec4<u32>>(quaternion) & vec4(0x7fffffffu);
+    let largest = max(max(magnitudes.x, magnitudes.y), max(magnitudes.z, magnitudes.w));
+    let all_finite = largest < 0x7f800000u;
     // -inf is a standard deviation of 0.
     let scales_valid = is_valid_log_scale(log_scales.x) && is_valid_log_scale(log_scales.y) && is_valid_log_scale(log_scales.z);
-    if !all_finite || !(largest > 0.0) || !scales_valid || !is_finite(filter_3d) {
+    if !all_finite || largest == 0u || !scales_valid || !is_finite(filter_3d) {
         return g;
     }
-    // exponent_of treats denormals as zero.
-    let size = exponent_of(largest);
-    if size < -126 {
-        return g;
-    }
+    let lifted = lifted_quaternion(quaternion, magnitudes, largest);
+    let size = exponent_of(lifted.largest);
     let half = power_of_two(-size / 2);
-    let near_unit = quaternion * half * power_of_two(-size - (-size / 2));
+    let near_unit = lifted.parts * half * power_of_two(-size - (-size / 2));
     let length = root(dot(near_unit, near_unit));
-    g.norm = Scaled(length, size);
+    g.norm = Scaled(length, size + lifted.exponent);
     g.unit = near_unit / length;
     g.rotation = rotation_of(g.unit);
 
