@@ -1,3 +1,5 @@
+use std::ops::RangeInclusive;
+
 use atsplat_camera::{ROTATION_RESIDUAL_LIMIT, Similarity, orthonormality_residual};
 use glam::{DMat3, DQuat, DVec3};
 
@@ -45,7 +47,7 @@ impl Gaussians {
         let rotation = DQuat::from_mat3(&similarity.rotation).normalize();
         for quaternion in &mut parts.quaternions {
             let [w, x, y, z] = quaternion.map(f64::from);
-            let rotated = rotation * DQuat::from_xyzw(x, y, z, w);
+            let rotated = rotation * storable(DQuat::from_xyzw(x, y, z, w));
             *quaternion = narrow([rotated.w, rotated.x, rotated.y, rotated.z]);
         }
         for log_scales in &mut parts.log_scales {
@@ -62,6 +64,14 @@ impl Gaussians {
         }
         Ok(Self(parts))
     }
+}
+
+/// The unit quaternion in place of one so short that f32 keeps only some digits of its parts, or so long that they may overflow.
+fn storable(quaternion: DQuat) -> DQuat {
+    const LENGTHS: RangeInclusive<f64> = f32::MIN_POSITIVE as f64..=f32::MAX as f64;
+    let length = quaternion.length();
+    let is_rotation = length > 0.0 && length.is_finite();
+    if is_rotation && !LENGTHS.contains(&length) { quaternion / length } else { quaternion }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "Gaussians are stored as f32")]
@@ -160,6 +170,28 @@ mod tests {
         }
         let sheared = similarity().rotation * DMat3::from_cols(DVec3::X, DVec3::new(0.1, 1.0, 0.0), DVec3::Z);
         assert!(one().transformed(&Similarity { rotation: sheared, ..similarity() }).is_err());
+    }
+
+    /// Products with parts of the first are rounded to multiples of f32's smallest number, those with parts of the second may overflow.
+    #[test]
+    fn quaternions_at_the_ends_of_f32_are_rotated_as_others() {
+        let similarity = similarity();
+        for quaternion in [[3e-45, -1e-45, 4e-45, 0.0], [3e38, -2e38, 3.4e38, 1e38]] {
+            let with = |quaternion| {
+                let parts = GaussianParts { quaternions: vec![quaternion], ..one().into_parts() };
+                Gaussians::new(parts).unwrap()
+            };
+            let old = with(quaternion);
+            let new = old.transformed(&similarity).unwrap();
+            assert!(new.validate().is_clean(), "{quaternion:?}: {:?}", new.parts().quaternions);
+            let r = similarity.rotation;
+            let turned = r * covariance(&old) * r.transpose() * (similarity.scale * similarity.scale);
+            let near = Tolerance { absolute: 1e-5, relative: 1e-5 };
+            near.assert(covariance(&new).to_cols_array(), turned.to_cols_array(), &format!("{quaternion:?}"));
+        }
+        let zero = GaussianParts { quaternions: vec![[0.0; 4]], ..one().into_parts() };
+        let zero = Gaussians::new(zero).unwrap().transformed(&similarity).unwrap();
+        assert_eq!(zero.parts().quaternions, [[0.0; 4]]);
     }
 
     #[test]
