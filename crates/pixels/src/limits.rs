@@ -27,18 +27,25 @@ impl DecodeLimits {
         (width, height): (u32, u32),
         bytes_per_pixel: u64,
     ) -> Result<(), PixelError> {
+        if let Some((what, limit, found)) = self.exceeded((width, height), bytes_per_pixel) {
+            return Err(PixelError::OverLimit { format, width, height, what, limit, found });
+        }
+        Ok(())
+    }
+
+    /// The first limit that an image exceeds: what it limits, what is allowed and what was found.
+    pub(crate) fn exceeded(
+        &self,
+        (width, height): (u32, u32),
+        bytes_per_pixel: u64,
+    ) -> Option<(&'static str, u64, u64)> {
         let bytes = (u64::from(width) * u64::from(height)).saturating_mul(bytes_per_pixel);
         let checks = [
             ("width", u64::from(self.max_width), u64::from(width)),
             ("height", u64::from(self.max_height), u64::from(height)),
             ("decoded bytes", self.max_bytes, bytes),
         ];
-        for (what, limit, found) in checks {
-            if found > limit {
-                return Err(PixelError::OverLimit { format, width, height, what, limit, found });
-            }
-        }
-        Ok(())
+        checks.into_iter().find(|(_, limit, found)| found > limit)
     }
 }
 

@@ -3,7 +3,7 @@
 use ::exr::prelude::f16;
 use atsplat_numeric::narrowed;
 
-use crate::{Image, ImageU8, PixelError};
+use crate::{DecodeLimits, Image, ImageU8, PixelError};
 
 /// What every file begins with, before the two bytes of its version.
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -47,16 +47,18 @@ pub fn read(bytes: &[u8], shape: [usize; 4]) -> Result<NpyImages<'_>, PixelError
     let (&[images, rows, columns, channels], true) = (&array.axes[..], array.shape() == shape) else {
         return Err(invalid(format!("the shape {}", text(&shape)), text(&array.shape())));
     };
-    let images = images.positions(0).map(|start| array.image(start, [rows, columns, channels]));
-    Ok(NpyImages { images: images.collect::<Result<_, _>>()?, bytes: array.bytes })
+    let samples = array.samples();
+    let images = images.positions(0).map(|start| array.image(&samples, start, [rows, columns, channels]));
+    Ok(NpyImages { images: images.collect::<Result<_, _>>()?, bytes: array.bytes() })
 }
 
 /// The only image of a file, of the samples that [`read`] reads: H×W×3 or 3×H×W, also with an axis of length 1 before these. Its samples
 /// are returned as they are stored too, if they are bytes.
 ///
 /// # Errors
-/// [`PixelError::Npy`], also for shapes that fit both orders of axes: 3×N×3.
-pub fn read_render(bytes: &[u8]) -> Result<(Image, Option<&[u8]>), PixelError> {
+/// [`PixelError::Npy`], also for shapes that fit both orders of axes, 3×N×3, and for images beyond the limits, before their samples are
+/// decoded.
+pub fn read_render<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<(Image, Option<&'a [u8]>), PixelError> {
     let array = Array::of(bytes)?;
     let axes = match &array.axes[..] {
         [one, axes @ ..] if one.length == 1 && axes.len() == 3 => axes,
@@ -70,15 +72,20 @@ pub fn read_render(bytes: &[u8]) -> Result<(Image, Option<&[u8]>), PixelError> {
         [channels, rows, columns] if channels.length == 3 => [rows, columns, channels],
         _ => return Err(invalid("the shape (height, width, 3) or (3, height, width)", text(&array.shape()))),
     };
-    Ok((array.image(0, axes)?, array.bytes))
+    let bytes_per_sample = array.bytes_each.max(size_of::<f32>()) as u64;
+    if let Some((what, limit, found)) = limits.exceeded(array.size(axes)?, 3 * bytes_per_sample) {
+        return Err(invalid(format!("{what} of at most {limit}"), format!("{found} in {}", text(&array.shape()))));
+    }
+    Ok((array.image(&array.samples(), 0, axes)?, array.bytes()))
 }
 
-/// The samples of a file, in the order in which it has them, and how its axes lead through them.
+/// The samples of a file as it has them, and how its axes lead through them.
 struct Array<'a> {
     axes: Vec<Axis>,
-    samples: Vec<f32>,
-    /// The samples as they are stored, if they are bytes.
-    bytes: Option<&'a [u8]>,
+    /// As many bytes as the axes and the type of the samples need.
+    data: &'a [u8],
+    bytes_each: usize,
+    decoder: Decoder,
 }
 
 #[derive(Clone, Copy)]
@@ -119,28 +126,46 @@ impl<'a> Array<'a> {
             Some(length @ 1..) => return Err(invalid(format!("{length} bytes of data"), data.len().to_string())),
             _ => return Err(invalid("a shape of samples that fit into memory", text(&shape))),
         }
-        let axes = axes(&shape, first_axis_is_fastest);
-        Ok(Self { axes, samples: decoder(data), bytes: (bytes_each == 1).then_some(data) })
+        Ok(Self { axes: axes(&shape, first_axis_is_fastest), data, bytes_each, decoder })
+    }
+
+    /// Decoded, in the order in which the file has them.
+    fn samples(&self) -> Vec<f32> {
+        (self.decoder)(self.data)
+    }
+
+    /// The samples as they are stored, if they are bytes.
+    fn bytes(&self) -> Option<&'a [u8]> {
+        (self.bytes_each == 1).then_some(self.data)
     }
 
     fn shape(&self) -> Vec<usize> {
         self.axes.iter().map(|axis| axis.length).collect()
     }
 
-    /// The image that begins at a sample, by its rows, columns and channels.
-    fn image(&self, start: usize, [rows, columns, channels]: [Axis; 3]) -> Result<Image, PixelError> {
+    /// Columns and rows of an image.
+    fn size(&self, [rows, columns, _]: [Axis; 3]) -> Result<(u32, u32), PixelError> {
         let too_many = || invalid(format!("at most {} rows and columns", u32::MAX), text(&self.shape()));
         let [width, height] = [columns, rows].map(|axis| u32::try_from(axis.length).ok().ok_or_else(too_many));
+        Ok((width?, height?))
+    }
+
+    /// The image that begins at a sample of all, by its rows, columns and channels.
+    fn image(&self, samples: &[f32], start: usize, axes: [Axis; 3]) -> Result<Image, PixelError> {
+        let (width, height) = self.size(axes)?;
+        let [rows, columns, channels] = axes;
         let is_row_by_row =
             channels.step == 1 && columns.step == channels.length && rows.step == columns.length * columns.step;
-        let samples = if is_row_by_row {
-            self.samples.get(start..start + rows.length * rows.step).unwrap_or_default().to_vec()
+        let samples: Option<Vec<f32>> = if is_row_by_row {
+            samples.get(start..start + rows.length * rows.step).map(<[f32]>::to_vec)
         } else {
             let pixels = rows.positions(start).flat_map(|row| columns.positions(row));
             let places = pixels.flat_map(|pixel| channels.positions(pixel));
-            places.filter_map(|at| self.samples.get(at).copied()).collect()
+            places.map(|at| samples.get(at).copied()).collect()
         };
-        Image::new(width?, height?, samples)
+        #[expect(clippy::expect_used, reason = "the file has as many samples as its axes lead to")]
+        let samples = samples.expect("a sample at each place of the axes");
+        Image::new(width, height, samples)
     }
 }
 
@@ -298,7 +323,7 @@ mod tests {
                 let data: Vec<u8> = (0..24).flat_map(sample).collect();
                 for shape in [format!("({sides})"), format!("(1, {sides})")] {
                     let bytes = file(descr, order, &shape, &data);
-                    let (image, stored) = read_render(&bytes).unwrap();
+                    let (image, stored) = read_render(&bytes, &DecodeLimits::default()).unwrap();
                     assert_eq!((image.width(), image.height(), stored), (4, 2, None), "{descr} {order} {shape}");
                     assert_eq!(image.samples(), expected, "{descr} {order} {shape}");
                 }
@@ -306,7 +331,7 @@ mod tests {
         }
         let levels: Vec<u8> = (0..24).collect();
         let bytes = file("|u1", "False", "(3, 4, 2)", &levels);
-        let (image, stored) = read_render(&bytes).unwrap();
+        let (image, stored) = read_render(&bytes, &DecodeLimits::default()).unwrap();
         assert_eq!((image.width(), image.height(), stored), (2, 4, Some(&levels[..])));
         assert_eq!(image.pixel(1, 0), Some([1, 9, 17].map(|level: u8| f32::from(level) / 255.0)));
     }
@@ -314,7 +339,8 @@ mod tests {
     #[test]
     fn arrays_of_no_single_image_are_rejected() {
         let refused = |descr: &str, shape: &str, length: usize| {
-            read_render(&file(descr, "False", shape, &vec![0; length])).unwrap_err().to_string()
+            let file = file(descr, "False", shape, &vec![0; length]);
+            read_render(&file, &DecodeLimits::default()).unwrap_err().to_string()
         };
         let orders = "expected the shape (height, width, 3) or (3, height, width), found ";
         for (shape, length) in [("(2, 4)", 8), ("(2, 4, 4)", 32), ("(2, 4, 1)", 8), ("(2, 2, 4, 3)", 48), ("()", 1)] {
@@ -332,6 +358,31 @@ mod tests {
                 refused("|u1", shape, 0),
                 format!("expected a shape of samples that fit into memory, found {shape}")
             );
+        }
+    }
+
+    /// Of two rows and four columns: bytes count as the floats that are returned, other samples as they are stored.
+    #[test]
+    fn images_beyond_the_limits_are_rejected() {
+        let fitting = DecodeLimits { max_width: 4, max_height: 2, max_bytes: 96 };
+        let refused = |descr: &str, shape: &str, bytes_each: usize, limits: DecodeLimits| {
+            let file = file(descr, "False", shape, &vec![0; 24 * bytes_each]);
+            read_render(&file, &limits).err().map(|error| error.to_string())
+        };
+        for shape in ["(2, 4, 3)", "(3, 2, 4)", "(1, 2, 4, 3)"] {
+            assert_eq!(refused("|u1", shape, 1, fitting), None, "{shape}");
+            let narrow = refused("|u1", shape, 1, DecodeLimits { max_width: 3, ..fitting });
+            assert_eq!(narrow, Some(format!("expected width of at most 3, found 4 in {shape}")));
+            let low = refused("|u1", shape, 1, DecodeLimits { max_height: 1, ..fitting });
+            assert_eq!(low, Some(format!("expected height of at most 1, found 2 in {shape}")));
+            let short = refused("|u1", shape, 1, DecodeLimits { max_bytes: 95, ..fitting });
+            assert_eq!(short, Some(format!("expected decoded bytes of at most 95, found 96 in {shape}")));
+            assert_eq!(
+                [("<f2", 2), ("<f4", 4)].map(|(descr, each)| refused(descr, shape, each, fitting)),
+                [None, None]
+            );
+            let double = refused("<f8", shape, 8, fitting);
+            assert_eq!(double, Some(format!("expected decoded bytes of at most 96, found 192 in {shape}")));
         }
     }
 

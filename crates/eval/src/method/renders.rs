@@ -200,7 +200,7 @@ pub(super) fn read(path: &Path) -> Result<Image, String> {
             (image, _) => check_range(&image).map(|()| image),
         },
         Some("npy") => {
-            let (image, stored) = npy::read_render(&bytes).map_err(|error| error.to_string())?;
+            let (image, stored) = npy::read_render(&bytes, &limits).map_err(|error| error.to_string())?;
             stored.map_or(Ok(()), check_bytes)?;
             check_range(&image).map(|()| image)
         }
