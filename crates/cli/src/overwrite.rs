@@ -6,12 +6,10 @@ use std::io::Result as IoResult;
 use std::path::{Component, Path, PathBuf, absolute};
 use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use atsplat_eval::rendering::RENDER_RECORD;
-use atsplat_files::is_toml_path;
+use atsplat_files::{canonical_path, is_at, is_toml_path};
 use atsplat_scene::{Format, Frame, Scene, SceneError, SceneSource, Warnings, is_image_name};
-
-use crate::paths::canonical_path;
 
 /// What a command reads, for [`check_output`].
 #[derive(Clone, Copy, Debug)]
@@ -45,9 +43,11 @@ pub(crate) fn check_output(option: &str, out: &Path, inputs: &[Input<'_>]) -> an
     Ok(())
 }
 
-/// Whether an output, which may be missing, is at the path of an existing file or folder.
-pub(crate) fn is_at(out: &Path, existing: &Path) -> bool {
-    existing.canonicalize().is_ok_and(|existing| canonical_path(out).is_ok_and(|out| out == existing))
+/// Rejects the dataset's own folder as that of results: their files would be read as those of scenes, or lie among photos.
+pub(crate) fn check_results_folder(out: &Path, data: &Path) -> anyhow::Result<()> {
+    let is_data = if atsplat_objects::url(data).is_some() { data == out } else { data.is_dir() && is_at(out, data) };
+    ensure!(!is_data, "--out: {} is the folder of the dataset; choose another one for the results", out.display());
+    Ok(())
 }
 
 /// Where a file is: its canonical path, and those that a link in a dataset has, as a file and as a folder.

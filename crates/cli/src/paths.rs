@@ -1,31 +1,13 @@
 //! Files and folders that a command creates before its work starts, and removes if it fails.
 
-use std::io::{Result as IoResult, Write as _};
-use std::path::{Component, Path, PathBuf, absolute};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use atsplat_files::{AtomicFile, Sha256Digest, Writer, create_folder};
 use serde::Serialize;
 
 use crate::objects::with_urls;
-
-/// The canonical path of a file or folder; of a missing one, that of the lowest existing folder above it, with the rest.
-pub(crate) fn canonical_path(path: &Path) -> IoResult<PathBuf> {
-    Path::new(".").join(path).canonicalize().or_else(|_missing| {
-        let path = absolute(path)?;
-        let mut above = path.ancestors().skip(1);
-        let Some((folder, mut canonical)) = above.find_map(|folder| Some((folder, folder.canonicalize().ok()?))) else {
-            return Ok(path);
-        };
-        for part in path.strip_prefix(folder).unwrap_or(&path).components() {
-            match part {
-                Component::ParentDir => drop(canonical.pop()),
-                part => canonical.push(part),
-            }
-        }
-        Ok(canonical)
-    })
-}
 
 /// Folders that were created before the work started. Dropped, those that are still empty are removed: a command that fails
 /// leaves none behind.

@@ -1,5 +1,5 @@
 //! Atomic file writes, locks of folders, embedded files, CSV, SHA-256 digests, dates, changes of records, escaped Markdown,
-//! messages of panics, and the parts that errors about files share.
+//! messages of panics, where paths lead, and the parts that errors about files share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -18,6 +18,7 @@ mod folder;
 mod lock;
 mod markdown;
 mod panic;
+mod place;
 mod regular;
 mod toml_error;
 
@@ -33,6 +34,7 @@ pub use folder::create_folder;
 pub use lock::{FileLock, FolderLock, LockError, this_process};
 pub use markdown::escaped_markdown;
 pub use panic::{catch_silently, panic_message};
+pub use place::{canonical_path, is_at};
 pub use regular::{open, read, read_to_string};
 pub use toml_error::{malformed_toml, toml_problem};
 

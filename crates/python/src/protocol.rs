@@ -1,9 +1,10 @@
 //! Protocols, and data opened for one of them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
+use atsplat_files::is_at;
 use atsplat_protocol::{Preset, SamplingRule};
 use atsplat_results::RunWarning;
 use atsplat_scene::{ImageOptions, SceneSource, Warnings};
@@ -29,6 +30,7 @@ pub(crate) struct Protocol {
 #[pyclass(frozen, module = "atsplat._native")]
 pub(crate) struct Data {
     pub(crate) dataset: Arc<Dataset>,
+    path: PathBuf,
     /// Kinds of problems, each with its count and first occurrence.
     #[pyo3(get)]
     warnings: Vec<(String, u64, String)>,
@@ -107,7 +109,7 @@ impl Protocol {
             if rule.is_some() {
                 dataset.index.note_unread(&opening);
             }
-            Ok(Data { warnings: problems(&dataset, &warnings), dataset: Arc::new(dataset) })
+            Ok(Data { warnings: problems(&dataset, &warnings), dataset: Arc::new(dataset), path: data })
         })
     }
 }
@@ -131,6 +133,15 @@ impl Data {
     #[getter]
     fn name(&self) -> &str {
         &self.dataset.name
+    }
+
+    /// Rejects the dataset's own folder as that of results.
+    fn check_out(&self, out: &str) -> Result<(), Failure> {
+        if self.path.is_dir() && is_at(Path::new(out), &self.path) {
+            let problem = format!("{out} is the folder of the dataset; choose another one for the results");
+            return Err(Failure::invalid("out", problem));
+        }
+        Ok(())
     }
 
     /// Scenes of the index that are in the data, with their numbers of entries.

@@ -481,6 +481,18 @@ def test_stores_in_a_forked_process_are_an_error_and_do_not_hang(rooms, tmp_path
     assert done.stdout == "6\n0\n", done.stderr
 
 
+def test_results_are_not_written_into_the_folder_of_the_dataset(rooms, tmp_path):
+    files = sorted(rooms.rglob("*"))
+    for out in (rooms, rooms / ".." / rooms.name):
+        with pytest.raises(atsplat.InvalidError, match="is the folder of the dataset; choose another one for the results") as raised:
+            evaluated(nearest, rooms, out, limit=1)
+        assert raised.value.field == "out"
+    assert sorted(rooms.rglob("*")) == files
+    link = tmp_path / "data"
+    link.symlink_to(rooms)
+    assert not evaluated(nearest, link, tmp_path / "store", limit=1).failures()
+
+
 def test_advice_is_about_arguments_and_not_about_options(rooms, tmp_path):
     def method(images, context, target):
         with pytest.raises(atsplat.InvalidError, match=r"shard=\(1, 2\) and shard=\(2, 2\), and merge the parts with atsplat\.merge"):

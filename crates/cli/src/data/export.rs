@@ -3,6 +3,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
+use atsplat_files::canonical_path;
 use atsplat_numeric::counted;
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::inspect::left_out;
@@ -14,7 +15,6 @@ use crate::dataset_args::DatasetArgs;
 use crate::objects::{has_copies, with_urls};
 use crate::output_lock::{OutputFiles, OutputLock};
 use crate::parse::usage_error;
-use crate::paths::canonical_path;
 use crate::print::print_report;
 use crate::progress::Progress;
 use crate::warnings::print_warnings;

@@ -46,6 +46,7 @@ mod with_opencv {
     use std::path::Path;
 
     use anyhow::{bail, ensure};
+    use atsplat_files::canonical_path;
     use atsplat_opencv::{OpenCvError, UndistortMode, UndistortedFrames, undistort_scene, undistorted_files};
     use atsplat_scene::inspect::left_out;
     use atsplat_scene::{SceneSource as _, WarningKind, Warnings, is_plain_name};
@@ -54,7 +55,7 @@ mod with_opencv {
     use super::{Args, Mode};
     use crate::output_lock::OutputLock;
     use crate::overwrite::{Input, InputFile, check_output, check_outputs, photos};
-    use crate::paths::{NewFolders, canonical_path};
+    use crate::paths::NewFolders;
     use crate::print::print_report;
     use crate::progress::Progress;
     use crate::warnings::print_warnings;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
+use atsplat_files::canonical_path;
 use atsplat_fit::{Background, Fit, Strategy};
 use atsplat_scene::Frame;
 use atsplat_splat::Gaussians;
@@ -14,7 +15,7 @@ use crate::alpha::Alpha;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
 use crate::parse;
-use crate::paths::{canonical_path, check_writable, record_path};
+use crate::paths::{check_writable, record_path};
 use crate::print::note;
 use crate::requirements::{Requirement, check_all};
 

@@ -6,6 +6,7 @@ use atsplat_eval::rendering::{
     ExposureSource, Exposures, FrameRequest, PathRecord, RENDER_RECORD, RenderPlan, RenderSettings, frame_file_name,
     ignored_principal_points,
 };
+use atsplat_files::canonical_path;
 use atsplat_scene::camera_file::FileCamera;
 use atsplat_scene::{Frame, SceneSource as _, Warnings, scene_key};
 use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
@@ -14,7 +15,6 @@ use atsplat_splat::{Cleaning, Gaussians, SplatError};
 use super::{Args, FormatArg};
 use crate::overwrite::{check_outputs, photos};
 use crate::parse::named;
-use crate::paths::canonical_path;
 
 /// The scene file, and how broken Gaussians are handled.
 #[derive(Debug, clap::Args)]

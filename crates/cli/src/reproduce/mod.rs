@@ -30,6 +30,7 @@ use clap::ValueEnum;
 use crate::device::DeviceArgs;
 use crate::embedded;
 use crate::output_lock::OutputLock;
+use crate::overwrite::check_results_folder;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::report::PageArgs;
@@ -139,10 +140,14 @@ impl Stores {
 /// Reproduces; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.curve)?;
-    let lock = OutputLock::of(&args.out)?;
+    if let Some(data) = &args.data {
+        check_results_folder(&args.out, data)?;
+    }
     let curves = args.curves()?;
     let mut warnings = Warnings::new();
-    let DiscoveredDatasets { datasets, mut not_run } = args.found(&mut warnings)?;
+    let DiscoveredDatasets { datasets, paths, mut not_run } = args.found(&mut warnings)?;
+    paths.iter().try_for_each(|data| check_results_folder(&args.out, data))?;
+    let lock = OutputLock::of(&args.out)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
     let device = args.device.open_for_networks()?;
     let mut networks = networks(args.weights.as_deref(), device)?;
@@ -234,7 +239,7 @@ impl Args {
             Ok(find_datasets(folder, warnings)?)
         } else {
             let limit = |context_views, targets| self.suite.simulated_scenes(context_views, targets);
-            Ok(DiscoveredDatasets { datasets: simulated_datasets(limit)?, not_run: Vec::new() })
+            Ok(DiscoveredDatasets { datasets: simulated_datasets(limit)?, ..DiscoveredDatasets::default() })
         }
     }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, ensure};
+use anyhow::Context as _;
 use atsplat_camera::ImageSize;
 use atsplat_eval::runner::{Dataset, IndexChoice, IndexFolder, PlannedIndex};
 use atsplat_protocol::{DropReason, Preset};
@@ -12,7 +12,7 @@ use atsplat_scene::{Fetch as _, ImageFolder, SceneSource, Warnings};
 
 use crate::dataset_args::ImageArgs;
 use crate::objects::{CacheArgs, RemoteData, with_urls};
-use crate::overwrite::is_at;
+use crate::overwrite::check_results_folder;
 use crate::parse;
 
 #[derive(Debug, clap::Args)]
@@ -52,15 +52,9 @@ impl ProtocolArgs {
         parse::once("the protocols", &self.presets).map_err(parse::usage_error)
     }
 
-    /// Rejects the dataset's own folder as that of results: their files would be read as those of scenes, or lie among photos.
+    /// Rejects the dataset's own folder as that of results.
     pub(crate) fn check_out(&self, out: &Path) -> anyhow::Result<()> {
-        let is_data = if atsplat_objects::url(&self.data).is_some() {
-            self.data == out
-        } else {
-            self.data.is_dir() && is_at(out, &self.data)
-        };
-        ensure!(!is_data, "--out: {} is the folder of the dataset; choose another one for the results", out.display());
-        Ok(())
+        check_results_folder(out, &self.data)
     }
 
     /// The data, if they are in object storage.

@@ -129,6 +129,9 @@ fn results_are_not_written_into_the_folder_of_the_dataset() {
             (by_another_path.as_str(), error),
             ("score tiny.toml --data ./data --renders data --out data/", error),
             ("tradeoff sweep tiny.toml --data data --sweep sweep.toml --weights random:1 --out data", error),
+            ("reproduce --data data --out ./data", error),
+            // One of the datasets that are found in the folder.
+            ("reproduce --data . --out data", error),
         ],
     );
     // Below it, above it, and next to it.

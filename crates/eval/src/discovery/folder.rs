@@ -24,6 +24,8 @@ use crate::sources::AlreadyCropped;
 pub struct DiscoveredDatasets {
     /// Datasets with their protocol and index, ready to run.
     pub datasets: Vec<Dataset>,
+    /// The folders and files of all datasets that were found, also of those that no protocol fits.
+    pub paths: Vec<PathBuf>,
     /// What cannot run.
     pub not_run: Vec<NotRun>,
 }
@@ -77,6 +79,7 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
         return Ok(found);
     }
     leave_out_found(&mut on_disk);
+    found.paths = on_disk.iter().map(|dataset| dataset.path.clone()).collect();
     let indices = IndexFolder::search(folder)?;
     for (path, why) in indices.not_searched() {
         let what = path.display().to_string();

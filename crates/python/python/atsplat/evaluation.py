@@ -85,7 +85,7 @@ def evaluate(
         method: any callable, or ``"nearest-view"`` or ``"warp"``, the baselines without learning.
         protocols: names, paths of ``.toml`` files, or :class:`~atsplat.Protocol`.
         data: the dataset, as for :meth:`atsplat.Protocol.open`.
-        out: folder of the store.
+        out: folder of the store, which is not that of the dataset.
         name: the method's name in the results; by default that of the function or class, of what wrappers wrap. A baseline has its own name, title,
             parameters and setting: others are an error.
         title: its title in tables and plots, one line of at most 80 characters.
@@ -195,7 +195,10 @@ class Run:
     settings: dict[str, Any]
 
     def open(self) -> list[Data]:
-        return [one.open(self.data, **self.options) for one in self.protocols]
+        opened = [one.open(self.data, **self.options) for one in self.protocols]
+        for one in opened:
+            one._native.check_out(self.settings["out"])
+        return opened
 
     def evaluate(
         self, method: Callable[..., Any] | str, data: list[Data], progress: Callable[[], None] | None, **changes: Any
