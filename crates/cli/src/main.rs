@@ -39,6 +39,7 @@ mod train;
 mod warnings;
 mod weights;
 
+use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -53,6 +54,9 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// The commit of this program, or a hash of its sources.
 const COMMIT: Option<&str> = option_env!("ATSPLAT_COMMIT");
+
+/// The environment variable by which rayon chooses the number of threads.
+const STATED_THREADS: &str = "RAYON_NUM_THREADS";
 
 /// The heading of options that every command has.
 const EVERYWHERE: &str = "Every command";
@@ -170,8 +174,23 @@ const fn exit_of_check(passed: bool) -> Exit {
     if passed { Exit::Done } else { Exit::Failed }
 }
 
+/// Rejects a number of threads that rayon would ignore.
+fn check_stated_threads(stated: Option<OsString>) -> Result<(), clap::Error> {
+    let stated = stated.unwrap_or_default();
+    if stated.is_empty() || stated.to_str().is_some_and(|text| text.parse::<usize>().is_ok()) {
+        return Ok(());
+    }
+    let found = stated.display();
+    Err(parse::usage_error(format!(
+        "{STATED_THREADS}: expected a number of threads, found {found}: correct or unset it, or give --threads"
+    )))
+}
+
 fn run(cli: &Cli) -> anyhow::Result<Exit> {
     cli.log.start()?;
+    if cli.threads == 0 {
+        check_stated_threads(std::env::var_os(STATED_THREADS))?;
+    }
     rayon::ThreadPoolBuilder::new()
         .num_threads(cli.threads.into())
         .build_global()

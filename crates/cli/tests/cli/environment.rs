@@ -24,6 +24,25 @@ fn rayons_variable_is_the_number_of_threads_where_no_argument_states_one() {
     assert_eq!(threads("argument", &["--threads", "2"]), 2);
 }
 
+#[test]
+fn a_number_of_threads_that_is_none_is_a_usage_error_unless_an_argument_states_one() {
+    let list = |value: &str, arguments: &[&str]| {
+        let mut list = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+        let output = list.args(arguments).args(["protocol", "list"]).env("RAYON_NUM_THREADS", value).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    for value in ["abc", "-1", "2.5", "3 "] {
+        let (code, error) = list(value, &[]);
+        let found =
+            format!("error: RAYON_NUM_THREADS: expected a number of threads, found {value}: correct or unset it");
+        assert!(code == Some(2) && error.starts_with(&found), "{code:?}: {error}");
+        assert_eq!(list(value, &["--threads", "1"]).0, Some(0), "{value}");
+    }
+    for value in ["", "0", "2"] {
+        assert_eq!(list(value, &[]).0, Some(0), "{value}");
+    }
+}
+
 /// The output of `report` on a terminal, which `script` stands for.
 #[cfg(target_os = "linux")]
 fn report_on_a_terminal(here: &std::path::Path, no_color: Option<&str>) -> String {
