@@ -3,6 +3,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use atsplat_camera::{ImageSize, Similarity};
+use atsplat_numeric::counted;
 use serde::Serialize;
 
 use crate::checkpoint::{hash_of, views_hash};
@@ -140,7 +141,8 @@ impl fmt::Display for FitReport {
             &self.record;
         let strategy = configuration.strategy.name();
         let (views, seconds) = (views.len(), self.seconds);
-        write!(f, "scene {scene}, {views} views, {strategy}, {steps} steps in {seconds:.1} s")?;
+        let (seen, steps) = (counted(views as u64, "view"), counted(*steps, "step"));
+        write!(f, "scene {scene}, {seen}, {strategy}, {steps} in {seconds:.1} s")?;
         if let Some(step) = self.seconds_since_step {
             write!(f, " (since step {step}: its checkpoint has no time)")?;
         }
@@ -150,7 +152,7 @@ impl fmt::Display for FitReport {
             writeln!(f, "training: {text}")?;
         }
         if let Some(Evaluation { score, .. }) = evaluations.last() {
-            writeln!(f, "{}", score.on(&format!("{} held-out views", self.record.held_out.len())))?;
+            writeln!(f, "{}", score.on(&counted(self.record.held_out.len() as u64, "held-out view")))?;
         }
         for ScaleEvaluation { scale, width, height, score } in &self.record.at_scales {
             let views = format!("the held-out views at {scale} times their size, {width}x{height}");

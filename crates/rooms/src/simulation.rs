@@ -3,6 +3,7 @@ use std::sync::OnceLock;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::Sha256Digest;
+use atsplat_numeric::counted;
 use atsplat_pixels::Image;
 use atsplat_scene::{Scene, TimestampSource};
 
@@ -241,8 +242,10 @@ impl Simulation {
 impl fmt::Display for Simulation {
     /// The scene's name and size, and its effects with their reasons, one a line; those that are absent last.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (objects, lamps) = (self.world.objects.len(), self.world.lamps.len());
-        writeln!(f, "{}: {objects} objects, {lamps} lamps, {} frames", self.key(), self.shots.len())?;
+        let [objects, lamps, frames] =
+            [(self.world.objects.len(), "object"), (self.world.lamps.len(), "lamp"), (self.shots.len(), "frame")]
+                .map(|(count, what)| counted(count as u64, what));
+        writeln!(f, "{}: {objects}, {lamps}, {frames}", self.key())?;
         if self.slowed_to < 1.0 {
             let speed = if self.request.route.is_given() { "given" } else { "sampled" };
             let percent = self.slowed_to * 100.0;

@@ -47,6 +47,7 @@ mod with_opencv {
 
     use anyhow::{bail, ensure};
     use atsplat_files::canonical_path;
+    use atsplat_numeric::{counted, noun};
     use atsplat_opencv::{OpenCvError, UndistortMode, UndistortedFrames, undistort_scene, undistorted_files};
     use atsplat_scene::inspect::left_out;
     use atsplat_scene::{SceneSource as _, WarningKind, Warnings, is_plain_name};
@@ -71,7 +72,8 @@ mod with_opencv {
 
     impl fmt::Display for Report {
         fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            writeln!(f, "{} images written, {} scenes or frames skipped", self.written, self.skipped)
+            let [scenes, frames] = ["scene", "frame"].map(|what| noun(self.skipped, what));
+            writeln!(f, "{} written, {} {scenes} or {frames} skipped", counted(self.written, "image"), self.skipped)
         }
     }
 

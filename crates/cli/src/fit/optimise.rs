@@ -2,6 +2,7 @@
 
 use atsplat_fit::density::Changes;
 use atsplat_fit::{Background, Deadline, Evaluation, Fit, Schedule, StepRecord, TrainingView};
+use atsplat_numeric::counted;
 
 use super::Args;
 use crate::progress::StepProgress;
@@ -71,9 +72,10 @@ impl<'a> Log<'a> {
         let Some(Evaluation { step, gaussians, score }) = fit.evaluate(self.held_out)? else { return Ok(()) };
         let Changes { cloned, split, pruned, relocated, added, .. } = fit.history().changes;
         self.progress.print(&format!(
-            "after {step} steps: {}; {gaussians} Gaussians; last change: {cloned} cloned, {split} split, {pruned} \
+            "after {}: {}; {gaussians} Gaussians; last change: {cloned} cloned, {split} split, {pruned} \
              pruned, {relocated} relocated, {added} added",
-            score.on(&format!("{} held-out views", self.held_out.len()))
+            counted(step, "step"),
+            score.on(&counted(self.held_out.len() as u64, "held-out view"))
         ));
         Ok(())
     }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use atsplat_fit::loss::Terms;
 use atsplat_fit::{Fit, TrainingView, nearest_view_psnr};
+use atsplat_numeric::counted;
 use atsplat_pixels::{Image, Rounding};
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 
@@ -20,7 +21,7 @@ pub(super) fn draw(
     training: &[TrainingView],
     held_out: &[TrainingView],
 ) -> anyhow::Result<()> {
-    let title = format!("{}, {} steps", fit.config().strategy.name(), fit.step_count());
+    let title = format!("{}, {}", fit.config().strategy.name(), counted(fit.step_count(), "step"));
     draw_curve(folder, &title, fit, training, held_out)?;
     let (kind, shown) = if held_out.is_empty() { ("training", training) } else { ("held-out", held_out) };
     let rows = rows(fit, shown, held_out.is_empty())?;
@@ -50,7 +51,7 @@ fn draw_curve(
     ];
     let curve = LearningCurve {
         title,
-        subtitle: &format!("{} training and {} held-out views", training.len(), held_out.len()),
+        subtitle: &format!("{} training and {}", training.len(), counted(held_out.len() as u64, "held-out view")),
         steps: &steps,
         losses: &losses,
         evaluations: &evaluations,

@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use anyhow::{bail, ensure};
+use atsplat_numeric::counted;
 use atsplat_protocol::overlap::{
     BinnedOverlaps, DepthFolder, OverlapEstimator, OverlapReport, UnmeasuredExample, annotate_overlaps,
 };
@@ -111,7 +112,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let nothing = report.measured == Some(0);
     if let Some(plot) = plot.filter(|_| !nothing) {
         let overlaps = bins.placed(&index);
-        let subtitle = format!("index {name}; {} context sets; {}", overlaps.len(), report.definition);
+        let subtitle =
+            format!("index {name}; {}; {}", counted(overlaps.len() as u64, "context set"), report.definition);
         let title = "Overlap of the context views";
         let histogram = OverlapHistogram { title, subtitle: &subtitle, overlaps: &overlaps, bins: bins.names() };
         plot.finish(|format| histogram.draw().encode(format))?;
@@ -149,7 +151,8 @@ fn why_nothing(found: &OverlapReport) -> String {
         || "no scene of the index has an entry".to_owned(),
         |UnmeasuredExample { scene, entry, reason, detail }| {
             let unmeasured: usize = found.unmeasured.values().sum();
-            format!("{unmeasured} entries failed, the first with {reason}: scene {scene:?}, entry {entry}: {detail}")
+            let failed = counted(unmeasured as u64, "entry");
+            format!("{failed} failed, the first with {reason}: scene {scene:?}, entry {entry}: {detail}")
         },
     )
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use atsplat_eval::discovery::NotRun;
 use atsplat_files::FolderLock;
+use atsplat_numeric::counted;
 use atsplat_report::definition::{Choice, TableDefinition};
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{LiveTrial, PageStore, PlotSection};
@@ -66,7 +67,8 @@ pub(super) fn print(
     let (trials, targets) = stores.iter().fold((0, 0), |(trials, targets), (_, results)| {
         (trials + results.trials.len(), targets + results.targets.len())
     });
-    let mut text = format!("{trials} trials, {targets} targets; ATSplat: {trained}\n\n");
+    let [trials, targets] = [(trials, "trial"), (targets, "target")].map(|(count, what)| counted(count as u64, what));
+    let mut text = format!("{trials}, {targets}; ATSplat: {trained}\n\n");
     for table in report.tables.iter().filter(|table| table.is_published()) {
         let agreement = agreement(table);
         writeln!(text, "{}", table.title)?;

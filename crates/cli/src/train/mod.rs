@@ -100,8 +100,9 @@ fn described(steps: &[logs::StepRecord], evaluated: Option<usize>) -> String {
         0 => String::new(),
         count => format!(", {count} of them skipped"),
     };
-    let psnr = evaluated.map_or_else(String::new, |samples| format!("; PSNR of {samples} fixed samples"));
-    format!("{} steps{skipped}{psnr}", steps.len())
+    let psnr =
+        evaluated.map_or_else(String::new, |samples| format!("; PSNR of {}", counted(samples as u64, "fixed sample")));
+    format!("{}{skipped}{psnr}", counted(steps.len() as u64, "step"))
 }
 
 /// The label of a sample in the contact sheet: its number and score, and the targets that the score leaves out, by their numbers if they are

@@ -335,7 +335,7 @@ fn a_lens_without_a_new_camera_matrix_skips_its_scene_alone() {
     let args = ["data", "undistort", "data", "-o", "out", "--mode", "long-lrm"];
     let outcome = atsplat(here, &args);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    assert!(outcome.stdout.contains("1 images written, 1 scenes or frames skipped"), "{}", outcome.stdout);
+    assert!(outcome.stdout.contains("1 image written, 1 scene or frame skipped"), "{}", outcome.stdout);
     assert!(outcome.stderr.contains("a-bent: it cannot be undistorted: lens: "), "{}", outcome.stderr);
     assert!(here.join("out/b-plain/transforms.json").is_file() && !here.join("out/a-bent").exists());
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);

@@ -236,7 +236,7 @@ fn overlaps_of_an_index_without_entries_are_a_failure() {
     std::fs::write(here.join("gone.json"), gone).unwrap();
     for (index, why) in [
         ("nulls.json", "no scene of the index has an entry\n"),
-        ("gone.json", "1 entries failed, the first with scene-missing: scene \"gone\", entry 0: "),
+        ("gone.json", "1 entry failed, the first with scene-missing: scene \"gone\", entry 0: "),
     ] {
         let outcome = atsplat(here, &["protocol", "overlap", index, "--data", "data", "-o", "out.json"]);
         let error = format!("error: no overlap of {index} could be measured: {why}");

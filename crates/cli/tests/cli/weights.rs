@@ -150,7 +150,7 @@ fn mismatches_are_listed_by_name_and_nothing_is_written() {
     let outcome = atsplat(here, &args);
     assert_eq!(outcome.code, 1);
     for message in [
-        "1 missing, 1 of another shape, 1 tensors left over",
+        "1 missing, 1 of another shape, 1 tensor left over",
         "missing: head.norm.weight [32]",
         "coarse.fuse.weight: expected [32, 64], found [32] (net.coarse.fuse.weight)",
         "left over: net.extra.thing",

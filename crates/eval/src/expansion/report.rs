@@ -1,5 +1,6 @@
 use std::fmt;
 
+use atsplat_numeric::counted;
 use atsplat_results::statistics::{MIN_SCENES, interval_of_mean};
 use indexmap::IndexMap;
 use serde::Serialize;
@@ -140,10 +141,8 @@ impl fmt::Display for ExpansionReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { network, protocol, scenes, trials, .. } = self;
         writeln!(f, "## Token expansion of {network} on {protocol}\n")?;
-        writeln!(
-            f,
-            "Means over {trials} trials of {scenes} scenes; with their 95 % intervals over scenes, from six scenes on.\n"
-        )?;
+        let [trials, scenes] = [(trials, "trial"), (scenes, "scene")].map(|(count, what)| counted(*count as u64, what));
+        writeln!(f, "Means over {trials} of {scenes}; with their 95 % intervals over scenes, from six scenes on.\n")?;
         if !self.gaps.is_empty() {
             writeln!(f, "Not in these means:\n")?;
             self.gaps.iter().try_for_each(|gap| writeln!(f, "- {gap}"))?;

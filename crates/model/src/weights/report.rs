@@ -1,5 +1,6 @@
 use std::fmt;
 
+use atsplat_numeric::counted;
 use serde::Serialize;
 
 use super::StoredTensor;
@@ -136,7 +137,8 @@ impl ImportReport {
 impl fmt::Display for ImportReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (matched, missing) = (self.matched.len(), self.missing.len());
-        write!(f, "{matched} parameters matched by key map {:?}, {missing} missing, ", self.key_map)?;
+        let matched = counted(matched as u64, "parameter");
+        write!(f, "{matched} matched by key map {:?}, {missing} missing, ", self.key_map)?;
         let MismatchCounts { shape, r#type, not_finite, parts } = self.mismatches;
         write!(f, "{shape} of another shape, ")?;
         for (count, what) in [(r#type, "of another type"), (not_finite, "not finite"), (parts, "with wrong parts")] {
@@ -144,7 +146,7 @@ impl fmt::Display for ImportReport {
                 write!(f, "{count} {what}, ")?;
             }
         }
-        write!(f, "{} tensors left over, {} ignored", self.left_over.len(), self.ignored.len())?;
+        write!(f, "{} left over, {} ignored", counted(self.left_over.len() as u64, "tensor"), self.ignored.len())?;
         list(f, "missing", &self.missing, |Missing { parameter, shape }| format!("{parameter} {shape:?}"))?;
         for reason in MismatchReason::ALL {
             let of_reason = self.mismatched.iter().filter(|mismatched| mismatched.reason == reason);

@@ -19,7 +19,7 @@ impl fmt::Display for LintReport {
                 row(f, "", known.notes)?;
             }
         }
-        row(f, "keys", &format!("{}: {} null, {} scenes", self.keys, self.null, self.scenes))?;
+        row(f, "keys", &format!("{}: {} null, {}", self.keys, self.null, counted(self.scenes, "scene")))?;
         if self.entries != self.scenes {
             row(f, "entries", &self.entries.to_string())?;
         }

@@ -182,7 +182,7 @@ fn origin(provenance: &Provenance, cell: &Cell) -> String {
         provenance.commit.as_deref().map_or_else(String::new, |commit| format!(" at {}", short_commit(commit)));
     let machine = match &cell.timing {
         Some(timing) => timing.machine.to_string(),
-        None => format!("{}, {} threads", provenance.processor, provenance.threads),
+        None => format!("{}, {}", provenance.processor, crate::counted(provenance.threads.into(), "thread")),
     };
     format!("atsplat {}{commit}, {machine}", provenance.atsplat)
 }

@@ -71,7 +71,15 @@ fn card(label: &str, provenance: &Provenance) -> String {
                 provenance.commit.as_deref().map_or_else(|| "outside its repository".to_owned(), short_commit)
             ),
         ),
-        ("Machine", format!("{}, {}, {} threads", provenance.processor, provenance.platform, provenance.threads)),
+        (
+            "Machine",
+            format!(
+                "{}, {}, {}",
+                provenance.processor,
+                provenance.platform,
+                counted(provenance.threads.into(), "thread")
+            ),
+        ),
     ];
     facts.extend(provenance.commands().take(SHOWN_COMMANDS).map(|command| (commands.as_str(), command.join(" "))));
     if provenance.commands().count() > SHOWN_COMMANDS {

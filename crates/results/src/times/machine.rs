@@ -1,5 +1,6 @@
 use std::fmt;
 
+use atsplat_numeric::counted;
 use serde::{Deserialize, Serialize};
 
 /// A machine type; only times of equal machine types are compared.
@@ -39,7 +40,7 @@ impl fmt::Display for Machine {
         if self.is_stated() {
             return write!(f, "{processor} (stated, not measured here)");
         }
-        let plural = if *threads == 1 { "thread" } else { "threads" };
-        write!(f, "{processor}, {threads} {plural} on {cpus} logical processors")
+        let threads = counted((*threads).into(), "thread");
+        write!(f, "{processor}, {threads} on {}", counted((*cpus).into(), "logical processor"))
     }
 }

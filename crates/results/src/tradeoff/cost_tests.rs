@@ -80,7 +80,7 @@ fn gaussians_are_averaged_over_common_trials() {
     store.targets.retain(|row| row.key.method == "frugal" || row.key.scene == "sparse");
     let noted = |store: &Results| only(store).notes.into_iter().map(|note| note.text).collect::<Vec<_>>();
     assert_eq!(costs(&only(&store), Axis::Gaussians), [("frugal", 1000.0), ("lavish", 2000.0)]);
-    let expected = "Gaussians are averaged over the 1 trials that all settings finished, of 2";
+    let expected = "Gaussians are averaged over the 1 trial that all settings finished, of 2";
     assert!(noted(&store).contains(&expected.to_owned()), "{:?}", noted(&store));
     // Without a trial in common, each is over its own.
     store.trials.retain(|row| row.key.method == "lavish" || row.key.scene == "dense");
@@ -101,7 +101,7 @@ fn trials_without_a_compared_image_are_not_finished() {
     }
     let found = only(&store);
     assert_eq!(costs(&found, Axis::Gaussians), [("finite", 500.0), ("nan", 500.0)]);
-    let expected = "Gaussians are averaged over the 1 trials that all settings finished, of 2";
+    let expected = "Gaussians are averaged over the 1 trial that all settings finished, of 2";
     assert!(found.notes.iter().any(|note| note.text == expected), "{:?}", found.notes);
 }
 

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use atsplat_numeric::counted;
 use serde::Serialize;
 
 use super::{Axis, Counts, Frontier, Incomplete, Point, Price, Standing, Tradeoff};
@@ -178,8 +179,7 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier, are_stated: bool) -> 
             );
             let unpaired = match difference.unpaired {
                 0 => String::new(),
-                1 => ", without 1 target that only one of them has".to_owned(),
-                count => format!(", without {count} targets that only one of them has"),
+                count => format!(", without {} that only one of them has", counted(count, "target")),
             };
             format!("{:+.decimals$} ({interval}) from {}{unpaired}", difference.value, against.label)
         });

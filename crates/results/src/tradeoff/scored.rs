@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_numeric::mean;
+use atsplat_numeric::{counted, mean};
 use atsplat_protocol::Aggregation;
 
 use super::unscored::why_unscored;
@@ -144,7 +144,8 @@ pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) -> Option<Note> {
     let text = match common.len() {
         0 => "No trial was finished by all settings: Gaussians of each are averaged over its own trials".to_owned(),
         count if count < most => {
-            format!("Gaussians are averaged over the {count} trials that all settings finished, of {most}")
+            let trials = counted(count as u64, "trial");
+            format!("Gaussians are averaged over the {trials} that all settings finished, of {most}")
         }
         _ => return None,
     };
