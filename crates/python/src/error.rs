@@ -103,6 +103,16 @@ impl Failure {
         Self::Library { message: format!("{field}: {advice}"), place: at }
     }
 
+    /// Stores that cannot be merged, with the one that does not fit those before it.
+    pub(crate) fn of_merge(error: ResultsError, store: Option<&Path>) -> Self {
+        let mut failure = Self::from(error).of_argument("stores");
+        if let (Self::Library { message, place }, Some(store)) = (&mut failure, store) {
+            *message = format!("merging {}: {message}", store.display());
+            place.file.get_or_insert_with(|| store.to_owned());
+        }
+        failure
+    }
+
     /// A wrong setting or argument.
     pub(crate) fn invalid(field: &str, problem: impl std::fmt::Display) -> Self {
         Self::Library { message: format!("{field}: {problem}"), place: Place::field(field) }

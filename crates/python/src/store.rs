@@ -37,7 +37,10 @@ pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, p
     work_with_stores(py, || {
         check_repeated(&stores)?;
         let parts = Results::read_each(&stores).into_iter().collect::<Result<Vec<_>, _>>()?;
-        let merged = Results::merge(parts).map_err(|error| Failure::from(error).of_argument("stores"))?;
+        let merged = Results::merge(parts).map_err(|error| {
+            let store = error.part.and_then(|at| stores.get(at));
+            Failure::of_merge(*error.source, store.map(PathBuf::as_path))
+        })?;
         let reasons = merged.why_incomplete();
         if !reasons.is_empty() && !partial {
             let reasons = reasons.join("; ");

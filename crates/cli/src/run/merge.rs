@@ -58,7 +58,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let folders = folders.collect::<anyhow::Result<Vec<PathBuf>>>()?;
     let parts = args.stores.iter().zip(Results::read_each(&folders));
     let parts = parts.map(|(store, results)| results.with_context(|| reading(store)));
-    let merged = Results::merge(parts.collect::<anyhow::Result<Vec<_>>>()?)?;
+    let merged = Results::merge(parts.collect::<anyhow::Result<Vec<_>>>()?);
+    let merged = merged.map_err(|error| match error.part.and_then(|at| args.stores.get(at)) {
+        Some(store) => anyhow::Error::new(error).context(format!("merging {}", store.display())),
+        None => error.into(),
+    })?;
     let reasons = merged.why_incomplete();
     if !reasons.is_empty() && !args.partial {
         bail!("{}: --partial merges the other results", reasons.join("; "));

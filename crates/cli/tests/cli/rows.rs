@@ -183,6 +183,11 @@ fn rejects_a_store_given_twice_and_counts_repeated_results() {
     assert!(merged.code == 0 && merged.stderr.contains("4 results are in several stores"), "{}", merged.stderr);
     let merged = atsplat(here, &["merge", "part-1", "part-2", "--out", "again"]);
     assert!(merged.code == 0 && merged.stderr.is_empty(), "{}", merged.stderr);
+    // A whole run among the parts is named.
+    succeed(here, &[&RUN[..7], &["whole"]].concat());
+    let refused = atsplat(here, &["merge", "part-1", "whole", "part-2", "--out", "none"]);
+    let error = "error: merging whole: numbers of shards of the two runs differ: expected 2 shards, found a whole run";
+    assert!(refused.code == 1 && refused.stderr.starts_with(error), "{}", refused.stderr);
 }
 
 fn weights(here: &Path, name: &str, change: impl FnOnce(&mut StoredTensors)) -> PathBuf {

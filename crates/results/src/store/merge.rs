@@ -3,6 +3,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use thiserror::Error;
 
 use super::SCHEMA_VERSION;
 use super::data::check_consistent;
@@ -35,6 +36,23 @@ pub struct Merged {
     pub unfinished: Vec<Unfinished>,
     /// Number of results that an earlier store already had, with equal values.
     pub repeated: u64,
+}
+
+/// Why stores cannot be merged.
+#[derive(Debug, Error)]
+#[error("{source}")]
+pub struct MergeError {
+    /// Position of the store that does not fit those before it; `None` if only all of them together are at fault.
+    pub part: Option<usize>,
+    /// The reason.
+    pub source: Box<ResultsError>,
+}
+
+impl From<ResultsError> for MergeError {
+    /// Of all stores together.
+    fn from(error: ResultsError) -> Self {
+        Self { part: None, source: Box::new(error) }
+    }
 }
 
 /// A store that lacks results of its run.
@@ -150,10 +168,10 @@ impl Results {
     /// files may have been in other places ([`crate::RunWarning::OtherData`]).
     ///
     /// # Errors
-    /// [`ResultsError::Different`] and [`ResultsError::Differences`] if they are not of one run, or other scenes were divided, as of
-    /// another copy of the data, [`ResultsError::Disagreement`], [`ResultsError::MixedData`], [`ResultsError::Invalid`] for an empty
-    /// list.
-    pub fn merge(parts: Vec<Self>) -> Result<Merged, ResultsError> {
+    /// [`MergeError`], which names the part that does not fit: [`ResultsError::Different`] and [`ResultsError::Differences`] if they are
+    /// not of one run, or other scenes were divided, as of another copy of the data, [`ResultsError::Disagreement`],
+    /// [`ResultsError::MixedData`], [`ResultsError::Invalid`] for an empty list.
+    pub fn merge(parts: Vec<Self>) -> Result<Merged, MergeError> {
         let mut parts = parts.into_iter();
         let nothing =
             || ResultsError::Invalid { what: "merge", expected: "results".to_owned(), found: "none".to_owned() };
@@ -163,14 +181,13 @@ impl Results {
         let mut shards = provenance.shards();
         let count = provenance.shard.map(|shard| shard.count);
         let mut rows = Rows::default();
-        rows.add(trials, targets, timings)?;
-        for part in parts {
+        let of_part = |at: usize| move |error: ResultsError| MergeError { part: Some(at), source: Box::new(error) };
+        rows.add(trials, targets, timings).map_err(of_part(0))?;
+        for (at, part) in (1..).zip(parts) {
             unfinished.extend(part.unfinished());
-            check_same_count(count, part.provenance.shard.map(|shard| shard.count))?;
-            let repetition = repetition(&shards, &part.provenance)?;
-            shards.extend(part.provenance.shards());
-            provenance.merge_shard(part.provenance, repetition)?;
-            rows.add(part.trials, part.targets, part.timings)?;
+            check_same_count(count, part.provenance.shard.map(|shard| shard.count))
+                .and_then(|()| rows.add_shard(part, &mut provenance, &mut shards))
+                .map_err(of_part(at))?;
         }
         let all = count.into_iter().flat_map(|count| 1..=count);
         let missing_shards: Vec<u32> = all.filter(|number| !shards.contains(number)).collect();
@@ -233,6 +250,19 @@ struct Rows {
 }
 
 impl Rows {
+    /// Adds a part, of which the provenance and the shards are added to those of the others.
+    fn add_shard(
+        &mut self,
+        part: Results,
+        provenance: &mut Provenance,
+        shards: &mut BTreeSet<u32>,
+    ) -> Result<(), ResultsError> {
+        let repetition = repetition(shards, &part.provenance)?;
+        shards.extend(part.provenance.shards());
+        provenance.merge_shard(part.provenance, repetition)?;
+        self.add(part.trials, part.targets, part.timings)
+    }
+
     fn add(
         &mut self,
         trials: Vec<TrialRow>,

@@ -45,7 +45,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 pub use data::KnownResults;
-pub use merge::{Merged, Unfinished, repeated_store};
+pub use merge::{MergeError, Merged, Unfinished, repeated_store};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 

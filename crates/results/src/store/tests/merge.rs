@@ -272,8 +272,13 @@ fn rejects_merging_different_runs() {
     assert!(error.contains("scene \"a\"") && error.contains("differ in psnr") || error.contains("scores"), "{error}");
     let mut built = shard(2, &["b"]);
     built.provenance.commit = Some("other".to_owned());
-    let error = Results::merge(vec![shard(1, &["a"]), built]).unwrap_err().to_string();
+    let error = Results::merge(vec![shard(1, &["a"]), built.clone()]).unwrap_err().to_string();
     assert!(error.contains("commits of atsplat"), "{error}");
+    let parts = [shard(1, &["a"]), shard(3, &["c"]), built];
+    assert_eq!(Results::merge(parts.to_vec()).unwrap_err().part, Some(2));
+    let [first, second, other] = parts;
+    assert_eq!(Results::merge(vec![first, other, second]).unwrap_err().part, Some(1), "the first that does not fit");
+    assert_eq!(Results::merge(Vec::new()).unwrap_err().part, None);
     let folder = tempfile::tempdir().unwrap();
     let whole = filled(folder.path(), &["a"]).finish().unwrap();
     assert!(Results::merge(vec![shard(1, &["a"]), whole]).is_err());
