@@ -1,10 +1,12 @@
 //! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
 //! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`], [`quantile`] and [`nearest_quantile`],
 //! [`distinct`] and [`grouped`] values, the random number generator [`SplitMix64`], evenly [`spread()`] positions, the
-//! rounding of [`narrowed()`] and [`logit`], quadrature by [`GAUSS_LEGENDRE`], and numbers with their unit or noun in messages.
+//! rounding of [`narrowed()`] and [`logit`], quadrature by [`GAUSS_LEGENDRE`], and numbers with their unit,
+//! noun or decimals in messages.
 
 mod bytes;
 mod count;
+mod decimals;
 mod extremes;
 mod narrowed;
 mod order;
@@ -16,6 +18,7 @@ mod tolerance;
 
 pub use bytes::format_bytes;
 pub use count::{counted, noun};
+pub use decimals::{decimals_of_interval, decimals_of_small};
 pub use extremes::Extremes;
 pub use narrowed::{logit, narrowed, sigmoid};
 pub use order::{distinct, grouped, mean, median, nearest_quantile, quantile};

@@ -1,9 +1,10 @@
 use std::str::FromStr;
 
 use atsplat_metrics::{Definition, Direction, definitions};
+use atsplat_numeric::{decimals_of_interval, decimals_of_small};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use crate::numbers::{count_label, decimals_of, decimals_of_small, fixed, signed};
+use crate::numbers::{count_label, fixed, signed};
 
 /// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -137,7 +138,7 @@ impl Quantity {
     /// A number with chosen decimals; a difference with more if the interval excludes 0 and would not show it.
     pub(crate) fn print_with_decimals(self, value: f64, decimals: usize, interval: Option<[f64; 2]>) -> String {
         match self {
-            Self::Slope(..) | Self::Difference(_) => signed(value, decimals_of(interval, decimals)),
+            Self::Slope(..) | Self::Difference(_) => signed(value, decimals_of_interval(interval, decimals)),
             _ => fixed(value, decimals),
         }
     }
@@ -145,7 +146,7 @@ impl Quantity {
     /// A slope or difference.
     fn print_signed(self, value: f64, interval: Option<[f64; 2]>) -> String {
         let decimals = if let Self::Difference(metric) = self { metric.scale.decimals() } else { 3 };
-        signed(value, decimals_of(interval, decimals))
+        signed(value, decimals_of_interval(interval, decimals))
     }
 
     /// Whether a choice of the other quantity includes it: a metric includes its slopes.

@@ -1,6 +1,7 @@
 use atsplat_files::escaped_markdown as escaped;
+use atsplat_numeric::decimals_of_interval;
 
-use crate::numbers::{decimals_of, signed};
+use crate::numbers::signed;
 use crate::table::{Outcome, Table};
 
 /// Every pair of published rows that the tables reproduce under one protocol, in GitHub's Markdown: what the paper measured,
@@ -24,7 +25,7 @@ fn section(table: &Table) -> String {
     );
     for order in &table.orders {
         let [first, second] = order.rows.each_ref().map(|row| escaped(row));
-        let decimals = decimals_of(order.interval, 3);
+        let decimals = decimals_of_interval(order.interval, 3);
         let interval = match order.interval {
             Some([low, high]) => format!("\\[{}, {}\\]", signed(low, decimals), signed(high, decimals)),
             None => "none: too few scenes".to_owned(),

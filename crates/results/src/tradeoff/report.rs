@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use atsplat_numeric::counted;
+use atsplat_numeric::{counted, decimals_of_small};
 use serde::Serialize;
 
 use super::{Axis, Counts, Frontier, Incomplete, Point, Price, Standing, Tradeoff};
@@ -129,22 +129,11 @@ const fn marks(whole_answer: bool, busy: bool) -> &'static str {
 /// Decimals of qualities and their differences.
 const QUALITY_DECIMALS: usize = 4;
 
-/// `decimals`, or two more than it takes to show a number that would print as 0 and is not.
-fn decimals_of(value: f64, decimals: usize) -> usize {
-    const MAX_MORE: usize = 6;
-    let prints_zero =
-        |decimals: usize| format!("{value:.decimals$}").chars().all(|letter| matches!(letter, '-' | '0' | '.'));
-    match (decimals..=decimals + MAX_MORE).find(|decimals| !prints_zero(*decimals)) {
-        Some(more) if more > decimals => more + 2,
-        _ => decimals,
-    }
-}
-
 /// Decimals of a difference and its interval: enough to show that the interval excludes 0, if it does.
 fn decimals_of_difference(interval: [f64; 2]) -> usize {
     match interval {
-        [low, _] if low > 0.0 => decimals_of(low, QUALITY_DECIMALS),
-        [_, high] if high < 0.0 => decimals_of(high, QUALITY_DECIMALS),
+        [low, _] if low > 0.0 => decimals_of_small(low, QUALITY_DECIMALS),
+        [_, high] if high < 0.0 => decimals_of_small(high, QUALITY_DECIMALS),
         _ => QUALITY_DECIMALS,
     }
 }
@@ -164,7 +153,7 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier, are_stated: bool) -> 
         };
         let marks = marks(*whole_answer, *busy);
         let time = |secs: f64| {
-            let decimals = decimals_of(1e3 * secs, 1);
+            let decimals = decimals_of_small(1e3 * secs, 1);
             let error = if are_stated { String::new() } else { format!(" ±{:.decimals$}", 1e3 * secs_error) };
             format!("{:.decimals$}{error}{marks}", 1e3 * secs)
         };
@@ -200,10 +189,10 @@ fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::R
     for price in &frontier.prices {
         let Price { from, to, gain, gain_interval: [low, high], step, secs, gaussians, .. } = price;
         let marks = marks(price.whole_answer, price.busy);
-        let ms =
-            secs.map(|secs| format!("{:+.decimals$} ms{marks}", 1e3 * secs, decimals = decimals_of(1e3 * secs, 1)));
+        let ms = secs
+            .map(|secs| format!("{:+.decimals$} ms{marks}", 1e3 * secs, decimals = decimals_of_small(1e3 * secs, 1)));
         let gaussians =
-            gaussians.map(|count| format!("{count:+.decimals$} Gaussians", decimals = decimals_of(count, 0)));
+            gaussians.map(|count| format!("{count:+.decimals$} Gaussians", decimals = decimals_of_small(count, 0)));
         let paid: Vec<String> = ms.into_iter().chain(gaussians).collect();
         let paid = if paid.is_empty() { "no measurable time".to_owned() } else { paid.join(" and ") };
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };

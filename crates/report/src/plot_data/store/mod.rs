@@ -4,6 +4,7 @@ mod time;
 use std::collections::BTreeSet;
 
 use atsplat_metrics::Definition;
+use atsplat_numeric::decimals_of_interval;
 use atsplat_protocol::{Aggregation, Preset};
 use atsplat_results::statistics::{
     Identical, Leaked, MetricQuery, Summary, by_distance_steps, paired, paired_scene_means,
@@ -13,7 +14,7 @@ use atsplat_results::{MethodRecord, PresetRecord, RecordKind, Results, TargetSta
 use super::first_metric;
 use super::subject::{leaked_targets, scenes_of_trials, subject_over, title_of, unfinished};
 use crate::file_names::plain;
-use crate::numbers::{decimals_of, signed, with_minus_sign};
+use crate::numbers::{signed, with_minus_sign};
 use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationPoint, ExtrapolationSeries, ScatterPanel, ScatterPoint,
     SceneScatter,
@@ -145,7 +146,7 @@ impl<'a> ProtocolResults<'a> {
         let against = |other: &&'a MethodRecord| {
             let queries = [first, other].map(|method| self.query(&method.name, metric));
             let pair = paired(self.results, &queries[0], &queries[1], aggregation)?;
-            let decimals = decimals_of(pair.interval, metric.scale.decimals());
+            let decimals = decimals_of_interval(pair.interval, metric.scale.decimals());
             let signed = |value: f64| with_minus_sign(&signed(value, decimals));
             let interval = pair.interval.map(|ends| ends.map(signed));
             let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));

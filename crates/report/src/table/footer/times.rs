@@ -1,10 +1,10 @@
 //! Machines and devices of times, their spread and their marks.
 
-use atsplat_numeric::{distinct, grouped};
+use atsplat_numeric::{decimals_of_small, distinct, grouped};
 
 use super::Notes;
 use crate::counted;
-use crate::numbers::{decimals_of_small, fixed};
+use crate::numbers::fixed;
 use crate::table::content::was_busy;
 use crate::table::{BUSY, Cell, CellTiming, NoteKind, Row, Table};
 

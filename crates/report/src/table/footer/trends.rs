@@ -1,6 +1,7 @@
 //! Slopes over the number of Gaussians, and of differences between methods.
 
 use atsplat_metrics::Definition;
+use atsplat_numeric::decimals_of_interval;
 use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{
     Leaked, Trend, along_setting, common_scene_means, cost, lead_along_distance, lead_along_overlap,
@@ -9,7 +10,7 @@ use atsplat_results::statistics::{
 use super::Notes;
 use crate::counted;
 use crate::definition::{ColumnGroup, PlotKind, Quantity, SlopeOver, TableDefinition, is_ablation, is_full};
-use crate::numbers::{decimals_of, signed};
+use crate::numbers::signed;
 use crate::table::selection::{ComparableResults, MethodRun};
 use crate::table::{NoteKind, Row, Table};
 
@@ -69,7 +70,7 @@ fn trend_over_gaussians(
     Some(format!(
         "trend: {} changes by {} {} per doubling of Gaussians, over {} settings and {}{}",
         metric.name,
-        signed(slope, decimals_of(interval, 3)),
+        signed(slope, decimals_of_interval(interval, 3)),
         interval_in_words(interval),
         settings.len(),
         counted(scenes, "scene"),
@@ -115,7 +116,7 @@ fn change_of_difference(runs: [MethodRun<'_>; 2], metric: &'static Definition, a
     };
     let Trend { slope, interval, scenes } = found.ok()?;
     let interval = interval.map(|ends| ends.map(|end| end * unit));
-    let (slope, scenes) = (signed(slope * unit, decimals_of(interval, 3)), counted(scenes, "scene"));
+    let (slope, scenes) = (signed(slope * unit, decimals_of_interval(interval, 3)), counted(scenes, "scene"));
     let interval = interval_in_words(interval);
     Some(format!("changes by {slope} {interval} per {per}, over {scenes}, leaked targets excluded"))
 }
@@ -124,7 +125,7 @@ fn change_of_difference(runs: [MethodRun<'_>; 2], metric: &'static Definition, a
 fn interval_in_words(interval: Option<[f64; 2]>) -> String {
     match interval {
         Some(ends) => {
-            let [low, high] = ends.map(|end| signed(end, decimals_of(interval, 3)));
+            let [low, high] = ends.map(|end| signed(end, decimals_of_interval(interval, 3)));
             format!("[{low}, {high}]")
         }
         None => "without an interval".to_owned(),
