@@ -24,7 +24,7 @@ pub(super) fn budget_histogram() -> BudgetHistogram {
             series("0.05 / 0.05 / 0.2", 19e3, 9e3, 5000),
             series("0.01 / 0.01 / 0.04", 39e3, 14e3, 9000),
         ],
-        fixed: Some(23_040.0),
+        fixed: vec![23_040.0],
     }
 }
 

@@ -85,7 +85,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         ("no scenes", SceneScatter { panels: Vec::new(), ..scatter() }.draw()),
         ("no runs", DriftHistory { runs: Vec::new(), ..drift_history() }.draw()),
         ("no methods", StageTime { rows: Vec::new(), ..stage_time() }.draw()),
-        ("no budgets", BudgetHistogram { series: Vec::new(), fixed: None, ..budget_histogram() }.draw()),
+        ("no budgets", BudgetHistogram { series: Vec::new(), fixed: Vec::new(), ..budget_histogram() }.draw()),
         ("no settings", KScaling { points: Vec::new(), ..k_scaling() }.draw()),
         (
             "no tokens",

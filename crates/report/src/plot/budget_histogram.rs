@@ -15,8 +15,8 @@ pub struct BudgetHistogram {
     pub subtitle: String,
     /// One per setting.
     pub series: Vec<BudgetSeries>,
-    /// The number of Gaussians under fixed ratios, as a line through all rows.
-    pub fixed: Option<f64>,
+    /// The numbers of Gaussians under fixed ratios, each as a line through all rows.
+    pub fixed: Vec<f64>,
 }
 
 /// One setting.
@@ -35,7 +35,8 @@ impl BudgetHistogram {
     pub fn draw(&self) -> Drawing {
         const ROW: f64 = 96.0;
         let (mut drawing, head) = Drawing::titled(860, &self.title, &self.subtitle);
-        let fixed_name = self.fixed.map(|fixed| format!("dashed: fixed ratios, {}", count_label(fixed)));
+        let fixed: Vec<String> = self.fixed.iter().copied().map(count_label).collect();
+        let fixed_name = (!fixed.is_empty()).then(|| format!("dashed: fixed ratios, {}", fixed.join(" and ")));
         let mut legend = vec!["mean"];
         legend.extend(fixed_name.as_deref());
         let top = 12.0
@@ -43,7 +44,8 @@ impl BudgetHistogram {
                 0 => drawing.line([[x, y - 7.0], [x, y + 7.0]], Stroke::new(INK, 2.0)),
                 _ => dashed(drawing, x, [y - 7.0, y + 7.0]),
             });
-        let counts = self.series.iter().flat_map(|series| series.gaussians.iter().copied()).chain(self.fixed);
+        let counts =
+            self.series.iter().flat_map(|series| series.gaussians.iter().copied()).chain(self.fixed.iter().copied());
         let name =
             |series: &BudgetSeries| TextLine::new(&*series.label, [0.0; 2]).bold().side(Side::Right).within(178.0);
         let heights: Vec<f64> =
@@ -90,8 +92,8 @@ impl BudgetHistogram {
             }
             upper += height;
         }
-        if let Some(fixed) = self.fixed {
-            dashed(&mut drawing, axes.x_of(fixed), [top, bottom]);
+        for fixed in &self.fixed {
+            dashed(&mut drawing, axes.x_of(*fixed), [top, bottom]);
         }
         drawing.end_at(below + 14.0);
         drawing
@@ -137,7 +139,7 @@ mod tests {
             title: String::new(),
             subtitle: String::new(),
             series: vec![series("a", &[100.0; 4]), series("b", &[200.0])],
-            fixed: None,
+            fixed: Vec::new(),
         };
         let drawing = plot.draw();
         let height = |label: &str| {

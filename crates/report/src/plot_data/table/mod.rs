@@ -126,9 +126,10 @@ fn k_scaling(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]
     };
     let drawn: Vec<(&Row, KPoint)> = shown(table).filter_map(|row| Some((row, point(row)?))).collect();
     let points: Vec<KPoint> = drawn.iter().map(|(_, point)| *point).collect();
-    let measured = points.iter().filter(|point| point.origin == Origin::Measured).count();
     // Several trainings of one K are no curve.
-    let has_several = points.windows(2).any(|pair| pair[0].k.total_cmp(&pair[1].k).is_ne());
+    let measured: Vec<f64> =
+        points.iter().filter(|point| point.origin == Origin::Measured).map(|point| point.k).collect();
+    let is_curve = measured.windows(2).any(|pair| pair[0].total_cmp(&pair[1]).is_ne());
     let mut notes = Vec::new();
     notes.extend(shown(table).any(Row::is_over_trainings).then(|| MEANS.to_owned()));
     let mut mark = |what: &str, has: fn(&Row) -> bool| {
@@ -145,7 +146,7 @@ fn k_scaling(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]
         points,
         note: notes.join(" "),
     };
-    (measured > 1 && has_several).then(|| (table.name.clone(), plot.draw()))
+    is_curve.then(|| (table.name.clone(), plot.draw()))
 }
 
 fn overlap_bins(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
@@ -205,7 +206,7 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
     // Thresholds may give every scene the same number too.
     let (moving, fixed): (Vec<_>, Vec<_>) =
         rows.into_iter().partition(|(series, by_thresholds)| *by_thresholds || !level(series));
-    let fixed = fixed.first().and_then(|(series, _)| series.gaussians.first().copied());
+    let fixed = distinct(fixed.iter().filter_map(|(series, _)| series.gaussians.first().copied()));
     let plot = BudgetHistogram {
         title: "Gaussians per scene".to_owned(),
         subtitle: subtitle(table, group, 0..1),
@@ -238,6 +239,8 @@ mod tests {
             for (at, trial) in (0..).zip(second) {
                 trial.gaussians = Some(30_000 + 1000 * at);
             }
+            let half = results.trials.iter_mut().filter(|trial| trial.key.method == "half");
+            half.for_each(|trial| trial.gaussians = Some(11_520));
             let definition = TableDefinition::named("dynamic_budget").unwrap();
             let sources = [Source { label: "run", results: &results }];
             let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
@@ -246,8 +249,12 @@ mod tests {
         };
         let thresholds = texts(Vec::new());
         assert!(!thresholds.contains("fixed ratios") && thresholds.contains("0.1 / 0.1 / 0.4"), "{thresholds}");
-        let all = texts(vec![atsplat("atsplat", |_| ())]);
-        assert!(all.contains("fixed ratios, 23K") && all.contains("0.1 / 0.1 / 0.4"), "{all}");
+        let ratios = || atsplat("atsplat", |_| ());
+        let all = texts(vec![ratios()]);
+        assert!(all.contains("fixed ratios, 23K\n") && all.contains("0.1 / 0.1 / 0.4"), "{all}");
+        let [again, half] = ["again", "half"].map(|name| MethodRecord { name: name.to_owned(), ..ratios() });
+        let all = texts(vec![ratios(), again, half]);
+        assert!(all.contains("fixed ratios, 23K and 11.5K\n"), "{all}");
     }
 
     #[test]
@@ -266,6 +273,21 @@ mod tests {
         renamed.rows.iter_mut().for_each(|row| row.published[0].insert_str(0, "K="));
         assert!(!texts(&definition).is_empty());
         assert_eq!(texts(&renamed), texts(&definition));
+    }
+
+    #[test]
+    fn networks_of_one_k_are_no_curve_beside_published_ones() {
+        let k = |name: &str, k| atsplat(name, |config| config.head.gaussians_per_token = k);
+        let plots = |methods: Vec<MethodRecord>| {
+            let results = results_over(vec![preset("re10k-2v-256")], methods, 4);
+            let sources = [Source { label: "run", results: &results }];
+            let definition = TableDefinition::named("k_scaling").unwrap();
+            let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let measured = shown(&table).filter(|row| row.origin == Origin::Measured).count();
+            (measured, table_plots(&definition, &table, &sources).len())
+        };
+        assert_eq!(plots(vec![k("a", 8), k("b", 8)]), (2, 0));
+        assert_eq!(plots(vec![k("a", 8), k("b", 32)]), (2, 1));
     }
 
     /// The nano network has 16; one with 8 selects at random by its weights, and one with 32 was not trained.
