@@ -82,7 +82,9 @@
   const [runs, compared, metric, order] = ['run', 'compared', 'metric', 'order'].map(at);
   fill(runs, data.runs.map((run, place) => [place, run.label]));
   fill(metric, metrics.map((each, place) => [place, each.name]));
-  const print = (each, value) => value === null || value === undefined ? '–' : value.toFixed(each.decimals);
+  // What is printed as 0 has no sign.
+  const print = (each, value) => value === null || value === undefined ? '–' : value.toFixed(each.decimals).replace(/^-(?=0\.?0*$)/, '');
+  const signed = (each, value) => { const text = print(each, value); return Number(text) > 0 ? '+' + text : text; };
   let selected = null;
 
   // Methods of the same protocol.
@@ -141,7 +143,7 @@
       const row = make('tr', { tabIndex: -1 },
         make('td', { className: 'label' }, button),
         ...metrics.map(each => make('td', { textContent: print(each, trial.scores[each.id]) })),
-        make('td', { textContent: (difference > 0 ? '+' : '') + print(by, difference), hidden: !isCompared }),
+        make('td', { textContent: signed(by, difference), hidden: !isCompared }),
         make('td', { textContent: mark || (trial.images.length ? '▣' : ''), title: mark ? trial.detail || '' : trial.images.length ? 'with images' : '' }));
       row.addEventListener('click', () => show(run, place, row));
       return row;
