@@ -223,7 +223,9 @@ fn stated_costs_of_images_are_compared_and_said_to_be_stated() {
     };
     let on_card = ["--stated-machine", "a card", "--stated-seconds"];
     let costs = |count, secs| [&on_card[..], &[secs, "--stated-gaussians", count]].concat();
-    assert_eq!(score("warp", &costs("400", "0.25")).code, 0);
+    let scored = score("warp", &costs("400", "0.25"));
+    let time = "tiny, warp: encoding 250.00 ms, as stated\na card (stated, not measured here)\n";
+    assert!(scored.code == 0 && scored.stdout.contains(time), "{}: {}", scored.stdout, scored.stderr);
     let with_rendering = [&costs("300", "0.75")[..], &["--stated-render-seconds", "0.05"]].concat();
     assert_eq!(score("nearest-view", &with_rendering).code, 0);
     assert_eq!(score("warp", &["--stated-gaussians", "0"]).code, 2, "a method without Gaussians states none");

@@ -91,7 +91,8 @@ impl RunReport {
             match times {
                 Ok(times) => {
                     writeln!(f, "{preset}, {method}: {}", times_text(times, *is_process))?;
-                    machines.push(format!("timed on {}", times.machine));
+                    let measured = if times.machine.is_stated() { "" } else { "timed on " };
+                    machines.push(format!("{measured}{}", times.machine));
                 }
                 Err(reason) => {
                     let methods = reasons.entry(reason).or_default();
@@ -163,7 +164,8 @@ fn scenes_in_words(scored: usize, scenes: usize) -> String {
     if scored < scenes { format!("{scored} of {scenes}") } else { scenes.to_string() }
 }
 
-/// The times of a method. The answers of a process include reading and writing of files, and its encoding is as it states it, if it does.
+/// The times of a method; those that were stated are single numbers. The answers of a process include reading and writing of files, and
+/// its encoding is as it states it, if it does.
 fn times_text(times: &Times, is_process: bool) -> String {
     let Times { trials, repetitions, .. } = times;
     let stated = times.stated_encode().filter(|_| is_process);
@@ -172,23 +174,31 @@ fn times_text(times: &Times, is_process: bool) -> String {
         (if is_process { "whole answer" } else { "encoding" }, times.encode, ""),
         ("rendering", times.render, ""),
     ];
-    let text =
-        |(what, spread, note): (&str, Option<Spread>, &str)| Some(format!("{what} {}{note}", spread_text(&spread?)));
+    let are_stated = times.machine.is_stated();
+    let text = |(what, spread, note): (&str, Option<Spread>, &str)| {
+        let Spread { median, mad, .. } = spread?;
+        Some(format!("{what} {}{note}", seconds_text(median, (!are_stated).then_some(mad))))
+    };
     let parts: Vec<String> = parts.into_iter().filter_map(text).collect();
+    if are_stated {
+        return format!("{}, as stated", parts.join(", "));
+    }
     let memory = times.peak_bytes.map_or_else(String::new, |bytes| format!(", at most {}", format_bytes(bytes)));
     let device = times.device.as_ref().map_or_else(String::new, |device| format!(", {device}"));
     let busy = if times.busy { ", on a busy machine: not reliable" } else { "" };
-    format!("{}, {repetitions} × {trials} trials{memory}{device}{busy}", parts.join(", "))
+    let trials = counted(*trials, "trial");
+    format!("{}, {repetitions} × {trials}{memory}{device}{busy}", parts.join(", "))
 }
 
-/// A median and its median absolute deviation, in the median's unit.
-fn spread_text(Spread { median, mad, .. }: &Spread) -> String {
-    let (unit, in_second) = match *median {
+/// A median and its median absolute deviation, if there is one, in the median's unit.
+fn seconds_text(median: f64, mad: Option<f64>) -> String {
+    let (unit, in_second) = match median {
         secs if secs >= 1.0 => ("s", 1.0),
         secs if secs >= 1e-3 => ("ms", 1e3),
         _ => ("µs", 1e6),
     };
-    format!("{:.2} {unit} ± {:.2}", in_second * median, in_second * mad)
+    let deviation = mad.map_or_else(String::new, |mad| format!(" ± {:.2}", in_second * mad));
+    format!("{:.2} {unit}{deviation}", in_second * median)
 }
 
 fn summary_text(summary: &RunCounts) -> String {
@@ -226,9 +236,9 @@ fn summary_text(summary: &RunCounts) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Results;
     use crate::sample_rows::{PRESET, results, timing};
     use crate::times::{TimingRow, times};
+    use crate::{MethodRecord, Results, StatedCost, StatedSeconds};
 
     /// As tables have it, where marks stand for the words.
     #[test]
@@ -246,13 +256,27 @@ mod tests {
     }
 
     #[test]
+    fn stated_times_have_neither_a_spread_nor_repetitions() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0])]);
+        let seconds = Some(StatedSeconds { encode: 0.25, render: Some(0.5), machine: "a card".to_owned() });
+        let stated = [(PRESET.to_owned(), StatedCost { gaussians: None, seconds })].into();
+        store.provenance.methods = vec![MethodRecord { name: "a".to_owned(), stated, ..MethodRecord::default() }];
+        let found = times(&store, PRESET, "a").unwrap();
+        assert_eq!(times_text(&found, false), "encoding 250.00 ms, rendering 500.00 ms, as stated");
+        store.provenance.methods[0].stated.clear();
+        store.timings = vec![timing("a", "x", &[0.25; 3], &[0.5; 3])];
+        let found = times(&store, PRESET, "a").unwrap();
+        let measured = "encoding 250.00 ms ± 0.00, rendering 500.00 ms ± 0.00, 3 × 1 trial, ";
+        assert!(times_text(&found, false).starts_with(measured), "{}", times_text(&found, false));
+    }
+
+    #[test]
     fn short_and_long_times_have_their_unit() {
-        let text = |median, mad| {
-            spread_text(&Spread { median, mad, quartiles: [median - mad, median + mad], samples: 3, error: 0.0 })
-        };
+        let text = |median, mad| seconds_text(median, Some(mad));
         assert_eq!(text(17.7e-6, 0.5e-6), "17.70 µs ± 0.50");
         assert_eq!(text(0.001, 0.0), "1.00 ms ± 0.00");
         assert_eq!(text(2.5, 0.25), "2.50 s ± 0.25");
+        assert_eq!(seconds_text(2.5, None), "2.50 s");
     }
 
     #[test]
