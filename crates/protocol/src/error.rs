@@ -8,6 +8,7 @@ use thiserror::Error;
 
 /// An error while reading, building or running a protocol.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum ProtocolError {
     /// A file system operation failed.
     #[error(transparent)]
@@ -24,11 +25,9 @@ pub enum ProtocolError {
     /// A decoded image does not fit the preprocessing planned for it.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     Preprocess {
-        /// Scene key.
         scene: String,
         /// Position of the frame in the scene.
         frame: usize,
-        /// The underlying error.
         source: PreprocessError,
     },
     /// The overlap of two views cannot be computed.
@@ -36,33 +35,21 @@ pub enum ProtocolError {
     Overlap {
         /// The estimator's [`crate::overlap::OverlapEstimator::name`].
         estimator: &'static str,
-        /// What is missing or wrong.
         reason: String,
     },
     /// An error with the file in which it occurred.
     #[error("{source} ({})", path.display())]
-    InFile {
-        /// The file.
-        path: PathBuf,
-        /// The underlying error.
-        source: Box<Self>,
-    },
+    InFile { path: PathBuf, source: Box<Self> },
     /// The names and edges do not define valid overlap bins.
     #[error("overlap bins: expected {expected}, found {found}")]
     Bins {
         /// What names and edges have to satisfy.
         expected: &'static str,
-        /// What was given.
         found: String,
     },
     /// There is no built-in preset of this name.
     #[error("expected one of the presets {}, or the path of a TOML file, found {name:?}", known.join(", "))]
-    UnknownPreset {
-        /// The requested name.
-        name: String,
-        /// The built-in presets.
-        known: Vec<&'static str>,
-    },
+    UnknownPreset { name: String, known: Vec<&'static str> },
 }
 
 impl ProtocolError {

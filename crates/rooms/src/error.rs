@@ -5,35 +5,22 @@ use atsplat_scene::SceneError;
 
 /// Errors of simulating and writing scenes.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum RoomsError {
     /// A request is invalid.
     #[error("{field}: expected {expected}, found {found}")]
     Request {
         /// Field of the request.
         field: &'static str,
-        /// What was expected.
         expected: &'static str,
-        /// What was found.
         found: String,
     },
     /// A frame does not exist.
     #[error("scene {key:?}: expected a frame below {frames}, found {frame}")]
-    NoFrame {
-        /// The scene.
-        key: String,
-        /// Number of its frames.
-        frames: usize,
-        /// The requested frame.
-        frame: usize,
-    },
+    NoFrame { key: String, frames: usize, frame: usize },
     /// A scene of a dataset cannot be simulated.
     #[error("simulating scene {key:?}: {source}")]
-    Simulating {
-        /// The scene.
-        key: String,
-        /// The reason.
-        source: Box<RoomsError>,
-    },
+    Simulating { key: String, source: Box<RoomsError> },
     /// A camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),

@@ -18,6 +18,7 @@ use crate::{SceneError, SceneSource as _, WarningKind, Warnings, json, poses};
 
 /// Why cameras cannot be read from a file.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 #[non_exhaustive]
 pub enum CameraFileError {
     /// The file cannot be read.
@@ -26,7 +27,6 @@ pub enum CameraFileError {
     /// The file is not a camera file.
     #[error("reading cameras from {}: {problem}", path.display())]
     Malformed {
-        /// The file.
         path: PathBuf,
         /// Which camera, what was expected and found.
         problem: String,
@@ -34,29 +34,19 @@ pub enum CameraFileError {
     /// Poses without a lens.
     #[error("{} contains camera matrices without intrinsics: set {missing}", path.display())]
     NoLens {
-        /// The file.
         path: PathBuf,
         /// What of the lens is not known, and the options that set it.
         missing: &'static str,
     },
     /// A field of view for cameras that have intrinsics.
     #[error("--fov conflicts with {}, which states the intrinsics of its cameras: leave out --fov", path.display())]
-    HasLens {
-        /// The file.
-        path: PathBuf,
-    },
+    HasLens { path: PathBuf },
     /// A key for cameras that belong to no scene.
     #[error("--key requires a dataset: {} has cameras without scenes", path.display())]
-    NoScenes {
-        /// The file.
-        path: PathBuf,
-    },
+    NoScenes { path: PathBuf },
     /// No camera.
     #[error("{} has no cameras", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
+    Empty { path: PathBuf },
     /// The lens for files that contain only poses is impossible.
     #[error(transparent)]
     Camera(#[from] CameraError),
