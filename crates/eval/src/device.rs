@@ -77,7 +77,6 @@ mod tests {
     use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
     use atsplat_splat::gpu::GpuError;
     use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
-    use glam::{DMat3, DVec3};
 
     use super::*;
 
@@ -102,8 +101,8 @@ mod tests {
         };
         let gaussians = Gaussians::new(parts).unwrap();
         let render = |width: u32, height: u32| {
-            let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-            let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
+            let camera =
+                Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
             let view = View { camera, size: ImageSize { width, height } };
             let rendered = renderer.lock().unwrap().render(&gaussians, &view, &RenderOptions::default());
             rendered.map(drop).map_err(|error| error.to_string())

@@ -138,8 +138,10 @@ mod tests {
     const SIZE: ImageSize = ImageSize { width: 40, height: 30 };
 
     fn view([fx, fy, cx, cy]: [f64; 4]) -> View {
-        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        View { camera: Camera::pinhole(pose, NormalizedIntrinsics::new(fx, fy, cx, cy).unwrap()), size: SIZE }
+        View {
+            camera: Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(fx, fy, cx, cy).unwrap()),
+            size: SIZE,
+        }
     }
 
     /// Horizontally, the field of view is a sum of two arctangents; vertically, it is seen obliquely by ⅛ of the distance.

@@ -5,7 +5,6 @@
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, RendererConstants, View};
-use glam::{DMat3, DVec3};
 
 const SWEEP: &str = include_str!("../../../eval/sweeps/cut-offs.toml");
 
@@ -23,8 +22,7 @@ fn sheet() -> Gaussians {
 }
 
 fn view() -> View {
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-    let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.5, 0.5, 0.5).unwrap());
+    let camera = Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(1.0, 1.5, 0.5, 0.5).unwrap());
     View { camera, size: ImageSize { width: 3, height: 2 } }
 }
 

@@ -11,7 +11,6 @@ use atsplat_splat::cpu::{CpuOptions, CpuRenderer, SimdLevel};
 use atsplat_splat::{
     GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, RendererConstants, View, reference,
 };
-use glam::{DMat3, DVec3};
 use stored::Stored;
 
 fn renderers() -> Vec<Box<dyn Renderer>> {
@@ -23,9 +22,8 @@ fn renderers() -> Vec<Box<dyn Renderer>> {
 }
 
 fn view(size: ImageSize, [fx, fy, cx, cy]: [f64; 4]) -> View {
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
     let intrinsics = PixelIntrinsics::new(fx, fy, cx, cy).unwrap().normalized_from_pixel(size).unwrap();
-    View { camera: Camera::pinhole(pose, intrinsics), size }
+    View { camera: Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics), size }
 }
 
 fn options(preset: &str) -> RenderOptions {

@@ -121,7 +121,7 @@ fn spread(expanded_tokens: &[ExpandedToken], view: &View) -> Result<Option<Sprea
 
 #[cfg(test)]
 mod tests {
-    use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
+    use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
     use atsplat_numeric::Tolerance;
     use atsplat_pixels::Image;
     use glam::DVec3;
@@ -173,10 +173,7 @@ mod tests {
 
     #[test]
     fn spread_and_shift_are_apart() {
-        let camera = Camera::pinhole(
-            WorldFromCamera::new(glam::DMat3::IDENTITY, DVec3::ZERO).unwrap().inverse(),
-            NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap(),
-        );
+        let camera = Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
         let view = View { camera, size: ImageSize { width: 100, height: 100 } };
         let expanded = |children: &[[f64; 2]]| ExpandedToken {
             block: 2,

@@ -292,19 +292,29 @@ mod tests {
         builder.finish(Sky::BLACK, Vec3::ONE, [DVec3::splat(-5.0), DVec3::splat(5.0)])
     }
 
-    /// The effects of a route from the origin to another pose.
+    const SIZE: ImageSize = ImageSize { width: 256, height: 256 };
+
+    fn camera() -> Camera {
+        Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap())
+    }
+
+    fn turned() -> WorldFromCamera {
+        WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap()
+    }
+
+    /// The start of a route from the origin to another pose.
+    fn moving(moving_to: WorldFromCamera) -> Shot {
+        Shot { timestamp_micros: 0, camera: camera(), moving_to, frame_seconds: 0.04 }
+    }
+
+    /// The effects of such a route.
     fn chosen(world: &World, conditions: &Conditions, moving_to: WorldFromCamera) -> Vec<ActiveEffect> {
-        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
-        let size = ImageSize { width: 256, height: 256 };
-        let scene = SceneContext { world, conditions, shots: &shots, size, samples: 4 };
+        let scene = SceneContext { world, conditions, shots: &[moving(moving_to)], size: SIZE, samples: 4 };
         Effects::choose(&scene, &EffectChoice::Auto).active
     }
 
     fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
-        let turned = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
-        chosen(world, conditions, turned).iter().map(|active| active.effect).collect()
+        chosen(world, conditions, turned()).iter().map(|active| active.effect).collect()
     }
 
     /// What a scene has none of is not said to have run; the reasons of the others are those of `auto`.
@@ -312,10 +322,8 @@ mod tests {
     fn requested_effects_that_a_scene_has_none_of_are_absent() {
         let noisy = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.01, drift: 0.0, bounce: 0.0, seed: 1 };
         let world = world(0.0, Vec::new());
-        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let (shots, size) = ([Shot::still(0, camera)], ImageSize { width: 256, height: 256 });
-        let scene = SceneContext { world: &world, conditions: &noisy, shots: &shots, size, samples: 4 };
+        let shots = [Shot::still(0, camera())];
+        let scene = SceneContext { world: &world, conditions: &noisy, shots: &shots, size: SIZE, samples: 4 };
         let chosen = |choice: EffectChoice| {
             let effects = Effects::choose(&scene, &choice);
             let absent: Vec<EffectKind> = effects.absent.iter().map(|absent| absent.effect).collect();
@@ -336,12 +344,8 @@ mod tests {
     fn only_the_lens_is_left_out_for_a_layout_without_lenses() {
         let bent = Conditions { lens: [0.02, 0.0], shutter: 0.012, noise: 0.01, drift: 0.0, bounce: 1.0, seed: 7 };
         let world = world(0.04, vec![Lamp::Bulb { centre: DVec3::Z, radius: 0.1, radiance: Vec3::ONE }]);
-        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
-        let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
-        let size = ImageSize { width: 256, height: 256 };
-        let scene = SceneContext { world: &world, conditions: &bent, shots: &shots, size, samples: 4 };
+        let shots = [moving(turned())];
+        let scene = SceneContext { world: &world, conditions: &bent, shots: &shots, size: SIZE, samples: 4 };
         let [with, without] = [(); 2].map(|()| Effects::choose(&scene, &EffectChoice::Auto));
         let without = without.without_lens();
         assert!(with.lens() != Distortion::None && without.lens() == Distortion::None);
@@ -363,10 +367,8 @@ mod tests {
     fn noise_is_added_to_the_exposed_light() {
         let conditions = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.05, drift: 1.0, bounce: 0.0, seed: 3 };
         let world = world(0.0, Vec::new());
-        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let (shot, size) = (Shot::still(700_000, camera), ImageSize { width: 256, height: 256 });
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size, samples: 4 };
+        let shot = Shot::still(700_000, camera());
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size: SIZE, samples: 4 };
         let measured = |kinds: &[EffectKind], light: Vec3| {
             Effects::choose(&scene, &EffectChoice::Only(kinds.to_vec())).sensor_value(&shot, 5, light)
         };
@@ -406,15 +408,11 @@ mod tests {
     fn one_ray_per_pixel_has_no_motion_blur_and_says_so() {
         let conditions = Conditions { lens: [0.0; 2], shutter: 0.012, noise: 0.01, drift: 0.0, bounce: 0.0, seed: 1 };
         let world = world(0.0, Vec::new());
-        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
-        let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
-        let size = ImageSize { width: 256, height: 256 };
+        let shots = [moving(turned())];
         let (blur, noise) = (EffectKind::MotionBlur, EffectKind::SensorNoise);
         for choice in [EffectChoice::Auto, EffectChoice::Only(vec![blur, noise])] {
             for (samples, is_blurred) in [(1, false), (2, true)] {
-                let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size, samples };
+                let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size: SIZE, samples };
                 let effects = Effects::choose(&scene, &choice);
                 let active: Vec<EffectKind> = effects.active.iter().map(|active| active.effect).collect();
                 assert_eq!(active, if is_blurred { vec![blur, noise] } else { vec![noise] }, "{choice}, {samples}");

@@ -1,12 +1,10 @@
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_splat::{GaussianParts, Gaussians, View, sh_coefficients};
-use glam::{DMat3, DVec3};
 
 /// One Gaussian behind each of `count` evenly spread points of the image, 0.6 pixels wide, at smooth depths.
 pub(crate) fn scene(count: usize, size: ImageSize, degree: u8) -> (Gaussians, View) {
     let intrinsics = NormalizedIntrinsics::new(0.9, 0.9 * f64::from(size.width) / f64::from(size.height), 0.5, 0.5);
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).expect("a pose");
-    let camera = Camera::pinhole(pose, intrinsics.expect("intrinsics"));
+    let camera = Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics.expect("intrinsics"));
     let focal = 0.9 * size.width as f32;
     let mut state = 1u32;
     let mut uniform = move || {

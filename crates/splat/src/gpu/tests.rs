@@ -40,7 +40,7 @@ fn scene() -> (Gaussians, View) {
         ..GaussianParts::default()
     };
     let camera = atsplat_camera::Camera::pinhole(
-        atsplat_camera::CameraFromWorld::new(glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap(),
+        atsplat_camera::CameraFromWorld::IDENTITY,
         atsplat_camera::NormalizedIntrinsics::new(0.9, 1.2, 0.5, 0.5).unwrap(),
     );
     (Gaussians::new(parts).unwrap(), View { camera, size: atsplat_camera::ImageSize { width: 90, height: 70 } })

@@ -169,10 +169,7 @@ fn a_pixel_stops_before_the_gaussian_that_would_finish_it() {
         ..GaussianParts::default()
     })
     .unwrap();
-    let camera = Camera::pinhole(
-        CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap(),
-        NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap(),
-    );
+    let camera = Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
     let view = View { camera, size: ImageSize { width: 1, height: 1 } };
     // Opacities 0.99, 0.99, 0.9: transmittance 1, 1e-2, 1e-4 — at the limit, so the second is not drawn.
     let constants = RendererConstants { min_transmittance: 1.001e-4, ..RendererConstants::default() };

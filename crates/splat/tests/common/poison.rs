@@ -4,7 +4,6 @@ use std::fmt::Debug;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, View};
-use glam::{DMat3, DVec3};
 
 /// Special and extreme values.
 pub(crate) const POISON: [f32; 26] = [
@@ -43,9 +42,8 @@ pub(crate) const NUMBERS: usize = COUNT * SLOTS;
 const COUNT: usize = 4;
 
 pub(crate) fn view() -> View {
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
     let intrinsics = NormalizedIntrinsics::new(0.9, 1.2, 0.5, 0.5).unwrap();
-    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: 20, height: 15 } }
+    View { camera: Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics), size: ImageSize { width: 20, height: 15 } }
 }
 
 /// Ordinary Gaussians in front of the camera, with some values replaced.

@@ -300,8 +300,8 @@ mod tests {
 
     #[test]
     fn a_view_has_its_lens_unless_it_is_a_pinhole() {
-        let pose = CameraFromWorld::new(glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
-        let pinhole = Camera::pinhole(pose, NormalizedIntrinsics::new(0.5, 1.0, 0.5, 0.5).unwrap());
+        let pinhole =
+            Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(0.5, 1.0, 0.5, 0.5).unwrap());
         let size = ImageSize { width: 64, height: 32 };
         let line = |camera: &Camera| serde_json::to_value(View::of(3, camera, size, None)).unwrap();
         assert_eq!(line(&pinhole).get("lens"), None);

@@ -45,8 +45,10 @@ fn gradients_of_needles_are_identical_for_every_number_of_lanes() {
 /// Needles through the image whose centres are far outside of it: terms that are large in f32 cancel.
 #[test]
 fn distant_centres_match_the_reference_in_tiles_of_any_size() {
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-    let view = View { camera: Camera { camera_from_world: pose, ..view(131, 77).camera }, ..view(131, 77) };
+    let view = View {
+        camera: Camera { camera_from_world: CameraFromWorld::IDENTITY, ..view(131, 77).camera },
+        ..view(131, 77)
+    };
     for pixels in [3e5f32, 3e6, 3e7] {
         for step in 0..8u8 {
             let (what, angle) = (format!("{pixels} pixels, step {step}"), 0.2 + 0.37 * f32::from(step));
@@ -296,8 +298,10 @@ fn tile_lists_follow_the_ellipse() {
     parts.log_scales = vec![[1.0, -6.0, -6.0]];
     parts.opacity_logits = vec![5.0];
     let gaussians = Gaussians::new(parts).unwrap();
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-    let view = View { camera: Camera { camera_from_world: pose, ..view(512, 512).camera }, ..view(512, 512) };
+    let view = View {
+        camera: Camera { camera_from_world: CameraFromWorld::IDENTITY, ..view(512, 512).camera },
+        ..view(512, 512)
+    };
     let mut renderer = CpuRenderer::default();
     renderer.render(&gaussians, &view, &RenderOptions::default()).unwrap();
     let frame = renderer.spare.first().unwrap();

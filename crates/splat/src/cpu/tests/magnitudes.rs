@@ -78,8 +78,7 @@ fn gradients_of_a_needle_across_a_large_image_match_the_reference() {
     parts.log_scales = vec![[1.36, -7.04, -7.04]];
     parts.opacity_logits = vec![0.5];
     let gaussians = Gaussians::new(parts).unwrap();
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
-    let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
+    let camera = Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
     let view = View { camera, size: ImageSize { width: 512, height: 512 } };
     let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::default() };
     let options = RenderOptions { constants, ..RenderOptions::default() };

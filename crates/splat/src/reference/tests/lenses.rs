@@ -16,9 +16,8 @@ fn projected(view: &View, point: DVec3) -> DVec2 {
 /// Checks the covariances of small Gaussians from the image centre to its border.
 fn check_up_to_the_border(distortion: Distortion, focal: f64, expected_drawn: usize) {
     let size = ImageSize { width: 200, height: 150 };
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
     let intrinsics = NormalizedIntrinsics::new(focal, focal * 200.0 / 150.0, 0.5, 0.5).unwrap();
-    let view = View { camera: Camera { camera_from_world: pose, intrinsics, distortion }, size };
+    let view = View { camera: Camera { camera_from_world: CameraFromWorld::IDENTITY, intrinsics, distortion }, size };
     let lens = distortion.lens().unwrap();
     let k = intrinsics.pixel_from_normalized(size);
     let mut drawn = 0;
