@@ -18,6 +18,16 @@ fn with_tiles(cpu: CpuOptions, tile: u32) -> CpuRenderer {
     CpuRenderer { tile, ..CpuRenderer::new(cpu) }
 }
 
+/// One Gaussian, with the colour and scalar of the cloud of a seed.
+fn single(seed: u32, mean: [f32; 3], quaternion: [f32; 4], log_scales: [f32; 3], logit: f32) -> Gaussians {
+    let mut parts = cloud(1, 0, seed).into_parts();
+    parts.means = vec![mean];
+    parts.quaternions = vec![quaternion];
+    parts.log_scales = vec![log_scales];
+    parts.opacity_logits = vec![logit];
+    Gaussians::new(parts).unwrap()
+}
+
 /// Number of values that differ by more than `bound`, and the largest difference.
 fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len());
@@ -92,12 +102,7 @@ fn a_lens_matches_the_reference() {
 fn an_endless_oblique_needle_has_no_holes() {
     let (view, options) = (view(200, 150), RenderOptions::default());
     for sine in [0.382_683_43, -0.382_683_43] {
-        let mut parts = cloud(1, 0, 95).into_parts();
-        parts.means = vec![[0.0, 0.0, 2.0]];
-        parts.quaternions = vec![[0.923_879_5, 0.0, 0.0, sine]];
-        parts.log_scales = vec![[43.0, -5.0, -5.0]];
-        parts.opacity_logits = vec![3.0];
-        let gaussians = Gaussians::new(parts).unwrap();
+        let gaussians = single(95, [0.0, 0.0, 2.0], [0.923_879_5, 0.0, 0.0, sine], [43.0, -5.0, -5.0], 3.0);
         let expected = reference::render(&gaussians, &view, &options).unwrap();
         let opaque = expected.alpha.iter().filter(|alpha| **alpha > 0.5).count();
         assert!(opaque > 150, "across the image: {opaque} pixels");

@@ -1,10 +1,17 @@
-//! Bit-exact invariances, and errors specific to this renderer's structure.
+//! Bit-exact invariances, and scenes that are hard to render against the reference.
 
 use super::*;
 
 fn gradients(gaussians: &Gaussians, view: &View, simd: SimdLevel) -> Gradients<f32> {
     let mut renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
     renderer.backward(gaussians, view, &everything(), &narrow(&image_gradients(view))).unwrap()
+}
+
+/// A view along +z from the origin.
+fn straight(width: u32, height: u32) -> View {
+    let mut view = view(width, height);
+    view.camera.camera_from_world = CameraFromWorld::IDENTITY;
+    view
 }
 
 /// Vectors of 4, 8 and 16 lanes, without fused multiply-add.
@@ -45,21 +52,15 @@ fn gradients_of_needles_are_identical_for_every_number_of_lanes() {
 /// Needles through the image whose centres are far outside of it: terms that are large in f32 cancel.
 #[test]
 fn distant_centres_match_the_reference_in_tiles_of_any_size() {
-    let view = View {
-        camera: Camera { camera_from_world: CameraFromWorld::IDENTITY, ..view(131, 77).camera },
-        ..view(131, 77)
-    };
+    let view = straight(131, 77);
     for pixels in [3e5f32, 3e6, 3e7] {
         for step in 0..8u8 {
             let (what, angle) = (format!("{pixels} pixels, step {step}"), 0.2 + 0.37 * f32::from(step));
             // A focal length of 104.8 pixels.
             let distance = pixels / 104.8;
-            let mut parts = cloud(1, 0, 82).into_parts();
-            parts.means = vec![[-distance * angle.cos(), -distance * angle.sin(), 1.0]];
-            parts.quaternions = vec![[(0.5 * angle).cos(), 0.0, 0.0, (0.5 * angle).sin()]];
-            parts.log_scales = vec![[(0.5 * distance).ln(), -3.5, -9.0]];
-            parts.opacity_logits = vec![3.0];
-            let gaussians = Gaussians::new(parts).unwrap();
+            let mean = [-distance * angle.cos(), -distance * angle.sin(), 1.0];
+            let quaternion = [(0.5 * angle).cos(), 0.0, 0.0, (0.5 * angle).sin()];
+            let gaussians = single(82, mean, quaternion, [(0.5 * distance).ln(), -3.5, -9.0], 3.0);
             let [found, smaller, larger] = [32, 16, 64]
                 .map(|tile| with_tiles(CpuOptions::default(), tile).render(&gaussians, &view, &everything()).unwrap());
             assert!(smaller == found && larger == found, "{what}: tiles");
@@ -219,24 +220,6 @@ fn images_of_any_shape_can_be_reused() {
     }
 }
 
-/// Long tile lists, and the sums over them, count towards the limit.
-#[test]
-fn rejects_tile_lists_beyond_the_memory_limit() {
-    let mut parts = cloud(4000, 0, 54).into_parts();
-    parts.log_scales.fill([5.0; 3]);
-    parts.opacity_logits.fill(4.0);
-    let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(512, 512));
-    let options = RenderOptions::default();
-    let lists = 3000 * 256 * 8;
-    let limited = |memory_limit| CpuRenderer::new(CpuOptions { memory_limit, ..CpuOptions::default() });
-    let outcome = limited(lists).render(&gaussians, &view, &options);
-    assert!(matches!(outcome, Err(SplatError::Memory { needed, .. }) if needed > lists), "{outcome:?}");
-    assert!(limited(6 * lists).render(&gaussians, &view, &options).is_ok());
-    let images = ImageGradients { rgb: vec![[1.0; 3]; view.pixels()], alpha: None, depth: None, scalar: None };
-    let outcome = limited(4 * lists).backward(&gaussians, &view, &options, &images);
-    assert!(matches!(outcome, Err(SplatError::Memory { .. })), "{outcome:?}");
-}
-
 /// Needles longer than the image, specks far smaller than a pixel, and occluding surfaces: blocks are found and
 /// finished correctly.
 #[test]
@@ -291,17 +274,10 @@ fn gradients_of_every_rule_match_the_reference() {
 /// A diagonal needle is listed only in the tiles that it touches, not in all tiles of its bounding box.
 #[test]
 fn tile_lists_follow_the_ellipse() {
-    let mut parts = cloud(1, 0, 81).into_parts();
-    parts.means = vec![[0.0, 0.0, 2.0]];
     let half_angle = std::f32::consts::FRAC_PI_8;
-    parts.quaternions = vec![[half_angle.cos(), 0.0, 0.0, half_angle.sin()]];
-    parts.log_scales = vec![[1.0, -6.0, -6.0]];
-    parts.opacity_logits = vec![5.0];
-    let gaussians = Gaussians::new(parts).unwrap();
-    let view = View {
-        camera: Camera { camera_from_world: CameraFromWorld::IDENTITY, ..view(512, 512).camera },
-        ..view(512, 512)
-    };
+    let quaternion = [half_angle.cos(), 0.0, 0.0, half_angle.sin()];
+    let gaussians = single(81, [0.0, 0.0, 2.0], quaternion, [1.0, -6.0, -6.0], 5.0);
+    let view = straight(512, 512);
     let mut renderer = CpuRenderer::default();
     renderer.render(&gaussians, &view, &RenderOptions::default()).unwrap();
     let frame = renderer.spare.first().unwrap();

@@ -1,4 +1,4 @@
-//! Requests that are rejected before anything is allocated.
+//! Requests that are rejected because they are too large or invalid, and the memory that counts towards the limit.
 
 use super::*;
 
@@ -72,6 +72,20 @@ fn least_limit(succeeds: impl Fn(u64) -> bool) -> u64 {
         *(if succeeds(middle) { &mut fits } else { &mut fails }) = middle;
     }
     fits
+}
+
+/// Long tile lists, and the sums over them, count towards the limit.
+#[test]
+fn rejects_tile_lists_beyond_the_memory_limit() {
+    let (gaussians, view) = (sheets(4000), view(512, 512));
+    let options = RenderOptions::default();
+    let lists = 3000 * 256 * 8;
+    let outcome = limited(lists).render(&gaussians, &view, &options);
+    assert!(matches!(outcome, Err(SplatError::Memory { needed, .. }) if needed > lists), "{outcome:?}");
+    assert!(limited(6 * lists).render(&gaussians, &view, &options).is_ok());
+    let images = ImageGradients { rgb: vec![[1.0; 3]; view.pixels()], alpha: None, depth: None, scalar: None };
+    let outcome = limited(4 * lists).backward(&gaussians, &view, &options, &images);
+    assert!(matches!(outcome, Err(SplatError::Memory { .. })), "{outcome:?}");
 }
 
 /// Views that fit only one at a time are rendered one at a time.

@@ -72,12 +72,7 @@ fn rejects_non_finite_image_gradients() {
 /// axis.
 #[test]
 fn gradients_of_a_needle_across_a_large_image_match_the_reference() {
-    let mut parts = cloud(1, 0, 96).into_parts();
-    parts.means = vec![[0.0, 0.0, 2.0]];
-    parts.quaternions = vec![[0.92388, 0.0, 0.0, 0.38268]];
-    parts.log_scales = vec![[1.36, -7.04, -7.04]];
-    parts.opacity_logits = vec![0.5];
-    let gaussians = Gaussians::new(parts).unwrap();
+    let gaussians = single(96, [0.0, 0.0, 2.0], [0.92388, 0.0, 0.0, 0.38268], [1.36, -7.04, -7.04], 0.5);
     let camera = Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
     let view = View { camera, size: ImageSize { width: 512, height: 512 } };
     let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::default() };
