@@ -99,31 +99,21 @@ fn all_frames(scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
 /// Why a scene has no entry.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum NoEntry {
     /// The scene, or the window inside it, is too short.
     #[error("needs {needed} frames, has {found}")]
-    TooFewFrames {
-        /// Frames required by the settings.
-        needed: usize,
-        /// Frames available.
-        found: usize,
-    },
+    TooFewFrames { needed: usize, found: usize },
     /// The largest allowed gap is too small, however long the scene is.
     #[error("needs gaps of at least {needed} frames, has at most {most}")]
     GapsTooSmall {
         /// Least gap for the smallest one that is allowed, the distance of targets to context frames, and the context frames.
         needed: usize,
-        /// Largest gap that is allowed.
         most: usize,
     },
     /// Fewer frames may be targets than required.
     #[error("needs {needed} target frames, has {found} candidates")]
-    TooFewTargets {
-        /// Targets required.
-        needed: usize,
-        /// Frames that may be targets.
-        found: usize,
-    },
+    TooFewTargets { needed: usize, found: usize },
     /// No two frames are far enough apart and overlap enough.
     #[error("no pair of frames at the required distance has the required overlap")]
     NoPair,
@@ -132,9 +122,7 @@ pub enum NoEntry {
     OverlapOutside {
         /// The measured overlap, with five decimals.
         overlap: String,
-        /// Smallest allowed overlap.
         minimum: String,
-        /// Largest allowed overlap.
         maximum: String,
     },
     /// The geometry of the cameras cannot be computed: numbers exceed the range of f64.
