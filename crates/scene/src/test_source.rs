@@ -91,6 +91,11 @@ pub(crate) fn frame(position: usize, camera: Camera) -> Frame {
     }
 }
 
+pub(crate) fn scene(key: &str, cameras: impl IntoIterator<Item = Camera>) -> Scene {
+    let frames = cameras.into_iter().enumerate().map(|(position, camera)| frame(position, camera)).collect();
+    Scene { key: key.to_owned(), url: None, frames }
+}
+
 pub(crate) fn wandering_scene(key: &str, frames: usize) -> Scene {
     let frames = (0..frames).map(|position| frame(position, wandering_camera(position as f64))).collect();
     Scene { key: key.to_owned(), url: Some(format!("https://example.org/{key}")), frames }

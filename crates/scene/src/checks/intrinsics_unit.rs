@@ -70,25 +70,16 @@ pub(crate) fn wrong_unit(k: &NormalizedIntrinsics, stated_size: Option<ImageSize
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Frame;
-    use atsplat_camera::{Camera, CameraFromWorld};
 
     fn found(numbers: [f64; 4], stated: Option<(u32, u32)>) -> Option<String> {
-        let frame = frame(numbers, stated);
-        wrong_unit(&frame.camera.intrinsics, frame.stated_size)
+        let size = stated.map(|(width, height)| ImageSize { width, height });
+        wrong_unit(&intrinsics(numbers, stated), size)
     }
 
-    fn frame([fx, fy, cx, cy]: [f64; 4], stated: Option<(u32, u32)>) -> Frame {
+    fn intrinsics([fx, fy, cx, cy]: [f64; 4], stated: Option<(u32, u32)>) -> NormalizedIntrinsics {
         let (width, height) = stated.unwrap_or((1, 1));
         let (x, y) = (f64::from(width), f64::from(height));
-        let intrinsics = NormalizedIntrinsics::new(fx / x, fy / y, cx / x, cy / y).unwrap();
-        Frame {
-            name: "0".to_owned(),
-            timestamp_micros: None,
-            camera: Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics),
-            stated_size: stated.map(|(width, height)| ImageSize { width, height }),
-            image: crate::FrameImage::Absent,
-        }
+        NormalizedIntrinsics::new(fx / x, fy / y, cx / x, cy / y).unwrap()
     }
 
     #[test]
@@ -136,13 +127,13 @@ mod tests {
             ([0.5, 0.66], None, None),
             ([0.0, 0.0], None, None),
         ] {
-            let message = far_off_middle(&frame([0.9, 1.3, centre[0], centre[1]], stated).camera.intrinsics).unwrap();
+            let message = far_off_middle(&intrinsics([0.9, 1.3, centre[0], centre[1]], stated)).unwrap();
             let suspicion =
                 message.split_once(": stated for another size, by a factor of about ").map(|(_, rest)| rest);
             assert_eq!(suspicion, factor.map(|factor| format!("{factor}?")).as_deref(), "{message}");
         }
         for fine in [[0.5, 0.5], [0.36, 0.64], [0.64, 0.5]] {
-            assert_eq!(far_off_middle(&frame([0.9, 1.3, fine[0], fine[1]], None).camera.intrinsics), None, "{fine:?}");
+            assert_eq!(far_off_middle(&intrinsics([0.9, 1.3, fine[0], fine[1]], None)), None, "{fine:?}");
         }
     }
 

@@ -58,12 +58,11 @@ pub(crate) fn outlier_cameras(scene: &Scene, farthest: f64) -> Option<String> {
 #[cfg(all(test, feature = "columns"))]
 mod tests {
     use super::*;
-    use crate::test_source::{camera_at, frame};
+    use crate::test_source::{camera_at, scene};
 
     /// Cameras on the x axis.
     fn found(along: impl IntoIterator<Item = f64>) -> Option<String> {
-        let frames = along.into_iter().enumerate().map(|(at, x)| frame(at, camera_at([x, 0.0, 5.0]))).collect();
-        outlier_cameras(&Scene { key: "s".to_owned(), url: None, frames }, 1e9)
+        outlier_cameras(&scene("s", along.into_iter().map(|x| camera_at([x, 0.0, 5.0]))), 1e9)
     }
 
     fn line(frames: u32) -> impl Iterator<Item = f64> {

@@ -23,21 +23,15 @@ pub(crate) fn poses(scene: &Scene) -> Vec<(usize, [u64; 12])> {
 mod tests {
     use super::*;
     use crate::FrameImage;
-    use crate::test_source::{camera_at, frame};
-    use atsplat_camera::Camera;
-
-    fn scene(cameras: &[Camera]) -> Scene {
-        let frames = cameras.iter().enumerate().map(|(at, camera)| frame(at, *camera)).collect();
-        Scene { key: "s".to_owned(), url: None, frames }
-    }
+    use crate::test_source::{camera_at, scene};
 
     #[test]
     fn scenes_with_one_pose_are_found() {
         let here = camera_at([0.3, 0.0, -7.0]);
-        let all = scene(&[here; 4]);
+        let all = scene("s", [here; 4]);
         assert_eq!(one_pose(&all).as_deref(), Some("all 4 frames have the same pose: were the poses lost?"));
-        assert_eq!(one_pose(&scene(&[here; 2])), None, "a still pair");
-        let mut with_unposed = scene(&[here, here, camera_at([0.0; 3]), here]);
+        assert_eq!(one_pose(&scene("s", [here; 2])), None, "a still pair");
+        let mut with_unposed = scene("s", [here, here, camera_at([0.0; 3]), here]);
         assert_eq!(one_pose(&with_unposed), None);
         with_unposed.frames[2].image = FrameImage::Absent.unposed("no rotation");
         assert!(one_pose(&with_unposed).unwrap().starts_with("all 3 frames"));

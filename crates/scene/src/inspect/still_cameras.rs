@@ -51,28 +51,23 @@ fn spread(scene: &Scene) -> CentreSpread {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_source::{camera_at, frame, rotated_camera_at};
+    use crate::test_source::{camera_at, rotated_camera_at, scene};
     use atsplat_camera::{Camera, CameraFromWorld};
-
-    fn scene(cameras: &[Camera]) -> Scene {
-        let frames = cameras.iter().enumerate().map(|(at, camera)| frame(at, *camera)).collect();
-        Scene { key: "s".to_owned(), url: None, frames }
-    }
 
     #[test]
     fn repeated_poses_are_counted() {
         let [a, b, c] = [0.1, 0.2, 0.3].map(|x| camera_at([x, 0.0, 0.0]));
-        assert_eq!(still_cameras(&scene(&[a; 3])), None, "said when a scene is loaded");
-        assert_eq!(still_cameras(&scene(&[a, b, c])), None);
+        assert_eq!(still_cameras(&scene("s", [a; 3])), None, "said when a scene is loaded");
+        assert_eq!(still_cameras(&scene("s", [a, b, c])), None);
         let expected = "3 of 6 frames repeat an earlier pose, first frame 3 that of frame 1";
-        assert_eq!(still_cameras(&scene(&[a, b, c, b, b, a])).as_deref(), Some(expected));
+        assert_eq!(still_cameras(&scene("s", [a, b, c, b, b, a])).as_deref(), Some(expected));
     }
 
     #[test]
     fn cameras_that_only_turn_are_in_one_place() {
         let turned = |angles: &[f64]| {
             let cameras: Vec<Camera> = angles.iter().map(|angle| rotated_camera_at([9.3, -4.1, 2.7], *angle)).collect();
-            still_cameras(&scene(&cameras))
+            still_cameras(&scene("s", cameras))
         };
         assert_eq!(turned(&[0.0, 11.0, 37.0]).as_deref(), Some("all camera centres coincide"));
         let expected =
@@ -90,7 +85,7 @@ mod tests {
                 let rows = camera.camera_from_world.to_rows().map(rounded);
                 Camera { camera_from_world: CameraFromWorld::from_rows(&rows).unwrap(), ..camera }
             });
-            still_cameras(&scene(&cameras))
+            still_cameras(&scene("s", cameras))
         };
         #[expect(clippy::cast_possible_truncation, reason = "what a chunk stores")]
         let in_f32 = |number: f64| f64::from(number as f32);

@@ -8,8 +8,8 @@ use atsplat_tests::on_threads;
 
 use super::*;
 use crate::checks::cut_short::PNG_END;
-use crate::test_source::{TestSource, camera_at, frame, rotated_camera_at, wandering_scene};
-use crate::{FrameImage, Scene, SharedBytes};
+use crate::test_source::{TestSource, camera_at, frame, rotated_camera_at, scene, wandering_scene};
+use crate::{FrameImage, SharedBytes};
 
 fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warnings) {
     let (mut warnings, steps) = (Warnings::new(), AtomicUsize::new(0));
@@ -28,11 +28,6 @@ fn png(width: u32, height: u32) -> FrameImage {
     bytes.extend([8, 2, 0, 0, 0, 0, 0, 0, 0]);
     bytes.extend(PNG_END);
     FrameImage::Encoded(SharedBytes::new(bytes))
-}
-
-fn scene(key: &str, cameras: impl IntoIterator<Item = Camera>) -> Scene {
-    let frames = cameras.into_iter().enumerate().map(|(position, camera)| frame(position, camera)).collect();
-    Scene { key: key.to_owned(), url: None, frames }
 }
 
 /// Steps of 1, 2 and 3 along x; a single camera; a rotation by 30° in place.
