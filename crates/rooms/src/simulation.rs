@@ -5,7 +5,7 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::counted;
 use atsplat_pixels::Image;
-use atsplat_scene::{Scene, TimestampSource};
+use atsplat_scene::{FrameImage, Scene, TimestampSource};
 
 use crate::effects::{AbsentEffect, ActiveEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
@@ -198,6 +198,18 @@ impl Simulation {
     /// [`RoomsError::NoFrame`].
     pub fn camera(&self, frame: usize) -> Result<Camera, RoomsError> {
         Ok(Camera { distortion: self.effects.lens(), ..self.shot(frame)?.camera })
+    }
+
+    /// A frame of a scene, with its image.
+    pub(crate) fn frame_with(&self, at: usize, image: FrameImage) -> Result<atsplat_scene::Frame, RoomsError> {
+        let timestamp = self.shot(at)?.timestamp_micros;
+        Ok(atsplat_scene::Frame {
+            name: timestamp.to_string(),
+            timestamp_micros: Some(timestamp),
+            camera: self.camera(at)?,
+            stated_size: Some(self.request.size),
+            image,
+        })
     }
 
     /// Renders a frame's image, sRGB-encoded in [0, 1].

@@ -44,14 +44,7 @@ impl SimulatedScenes {
 impl SimulatedImage {
     fn frame(self) -> Result<Frame, RoomsError> {
         let (simulation, at) = (Arc::clone(&self.simulation), self.frame);
-        let timestamp = simulation.shot(at)?.timestamp_micros;
-        Ok(Frame {
-            name: timestamp.to_string(),
-            timestamp_micros: Some(timestamp),
-            camera: simulation.camera(at)?,
-            stated_size: Some(simulation.request().size),
-            image: FrameImage::Generated(Arc::new(self)),
-        })
+        simulation.frame_with(at, FrameImage::Generated(Arc::new(self)))
     }
 }
 

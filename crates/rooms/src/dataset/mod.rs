@@ -79,16 +79,7 @@ pub fn encoded_scene(simulation: &Simulation, encoding: ImageEncoding) -> Result
         };
         Ok(FrameImage::Encoded(SharedBytes::new(bytes)))
     };
-    let frames = (0..simulation.shots().len()).into_par_iter().map(|at| {
-        let timestamp = simulation.shot(at)?.timestamp_micros;
-        Ok(Frame {
-            name: timestamp.to_string(),
-            timestamp_micros: Some(timestamp),
-            camera: simulation.camera(at)?,
-            stated_size: Some(simulation.request().size),
-            image: encode(at)?,
-        })
-    });
+    let frames = (0..simulation.shots().len()).into_par_iter().map(|at| simulation.frame_with(at, encode(at)?));
     let frames = frames.collect::<Result<Vec<_>, RoomsError>>()?;
     Ok(Scene { key: simulation.key(), url: None, frames })
 }
