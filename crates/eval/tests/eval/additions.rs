@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use crate::common::{Run, Walls, baselines, dataset, entry, rows, suite, write_zero_weights};
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{KeepImages, current_provenance, named_metrics, run};
+use atsplat_eval::runner::{KeepImages, named_metrics, run};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_metrics::learned::{LpipsNetwork, WeightsFolders};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_results::store::images::image_path;
-use atsplat_results::{GapKind, MethodRecord, Results, RunWarning, Store, TargetRow, WEIGHTS_ABSENT};
+use atsplat_results::{GapKind, MethodRecord, Results, RunWarning, TargetRow, WEIGHTS_ABSENT};
 
 const TIMING: TimingPlan =
     TimingPlan { trials: 2, warm_up: 0, warm_up_until: Duration::MAX, repetitions: 1, long: Duration::MAX };
@@ -46,8 +46,7 @@ fn results_without_a_metric_are_evaluated_again_with_their_times_and_images() {
     let (before, _) = first.run(folder.path()).unwrap();
     let more = run_of(warp(), &["psnr", "ssim"]);
     // Killed before its first trial.
-    let provenance = more.plan().provenance(current_provenance("0", None, Vec::new())).unwrap();
-    drop(Store::resume(folder.path(), provenance).unwrap());
+    drop(more.store(folder.path()).unwrap());
     assert_eq!(scored(&Results::read(folder.path()).unwrap(), "ssim"), [0, 0]);
     let (added, summary) = more.run(folder.path()).unwrap();
     assert_eq!((summary.evaluated, summary.resumed, scored(&added, "ssim")), (5, 0, [10, 0]));
@@ -206,10 +205,8 @@ fn failed_trials_are_tried_again_on_request() {
     let of = |failing: usize| run_of(vec![Arc::new(FailingTargets(failing))], &["psnr"]);
     let retry = |failing: usize| {
         let settings = of(failing);
-        let plan = settings.plan();
-        let provenance = plan.provenance(current_provenance("0", None, Vec::new())).unwrap();
-        let store = Store::resume(folder.path(), provenance).unwrap().retry_failed();
-        run(&plan, store, &|_| ()).unwrap()
+        let store = settings.store(folder.path()).unwrap().retry_failed();
+        run(&settings.plan(), store, &|_| ()).unwrap()
     };
     let (before, summary) = of(1).run(folder.path()).unwrap();
     assert_eq!((summary.evaluated, summary.incomplete), (5, 5));

@@ -11,6 +11,7 @@ use atsplat_eval::EvalError;
 use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
 use atsplat_eval::runner::{KeepImages, current_provenance, run};
 use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
+use atsplat_protocol::IndexEntry;
 use atsplat_results::RunCounts;
 use atsplat_results::store::images::image_path;
 use atsplat_results::{MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
@@ -106,6 +107,18 @@ impl Method for WithPosesOf {
     }
 }
 
+fn with_poses_of(names: &[&'static str]) -> Vec<Arc<dyn Method>> {
+    names.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>).collect()
+}
+
+/// Of a preset in which pixelSplat's poses refuse context views that are closer than half a unit.
+fn run_with_least_baseline(walls: Walls, entries: &[IndexEntry], methods: &[&'static str]) -> Run {
+    let mut walls = dataset(walls, entries);
+    let pixelsplat = walls.preset.methods.iter_mut().find(|setting| setting.method == "pixelSplat").unwrap();
+    pixelsplat.pose_normalisation = PoseNormalisation::BaselineOne { minimum: 0.5, maximum: None };
+    Run::new(vec![walls], with_poses_of(methods))
+}
+
 /// Methods with other poses read every scene again.
 #[test]
 fn methods_with_other_poses_count_a_scenes_warnings_and_skipped_entries_once() {
@@ -128,8 +141,7 @@ fn methods_with_other_poses_count_a_scenes_warnings_and_skipped_entries_once() {
 #[test]
 fn a_setting_that_a_preset_lacks_is_rejected_or_noted() {
     let run = |names: &[&'static str]| {
-        let methods = names.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>);
-        Run::new(vec![dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 6])])], methods.collect())
+        Run::new(vec![dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 6])])], with_poses_of(names))
     };
     let folder = tempfile::tempdir().unwrap();
     let refused = run(&["MVSplat", "MVSplt"]).run(folder.path()).unwrap_err().to_string();
@@ -153,18 +165,13 @@ fn a_setting_that_a_preset_lacks_is_rejected_or_noted() {
 fn entries_skipped_for_one_methods_poses_are_not_done_for_another() {
     let [store, fresh] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let run = |methods: &[&'static str]| {
-        let mut walls = dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 6]), entry(&[0, 2], &[1, 3])]);
-        let pixelsplat = walls.preset.methods.iter_mut().find(|setting| setting.method == "pixelSplat").unwrap();
-        pixelsplat.pose_normalisation = PoseNormalisation::BaselineOne { minimum: 0.5, maximum: None };
-        let methods = methods.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>);
-        Run::new(vec![walls], methods.collect())
+        run_with_least_baseline(Walls::new(2, 8), &[entry(&[0, 4], &[1, 6]), entry(&[0, 2], &[1, 3])], methods)
     };
     let both = run(&["pixelSplat", "MVSplat"]);
     let (alone, summary) = run(&["pixelSplat"]).run(store.path()).unwrap();
     assert_eq!((summary.evaluated, summary.skipped, alone.unfinished().len()), (2, 2, 0));
     // A run that is killed before its first trial.
-    let provenance = both.plan().provenance(current_provenance("0", None, Vec::new())).unwrap();
-    drop(Store::resume(store.path(), provenance).unwrap());
+    drop(both.store(store.path()).unwrap());
     let killed = Results::read(store.path()).unwrap().unfinished();
     let left: Vec<_> = killed.iter().map(|run| (run.method.as_str(), run.entries, run.total)).collect();
     assert_eq!(left, [("MVSplat", 0, 4)]);
@@ -183,11 +190,8 @@ fn a_row_of_old_cameras_whose_entry_is_skipped_now_stops_the_run() {
     for methods in [&["pixelSplat"][..], &["pixelSplat", "MVSplat"]] {
         let folder = tempfile::tempdir().unwrap();
         let run = |close: bool| {
-            let mut walls = dataset(Walls { close, ..Walls::new(1, 8) }, &[entry(&[0, 4], &[1, 6])]);
-            let pixelsplat = walls.preset.methods.iter_mut().find(|setting| setting.method == "pixelSplat").unwrap();
-            pixelsplat.pose_normalisation = PoseNormalisation::BaselineOne { minimum: 0.5, maximum: None };
-            let methods = methods.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>);
-            Run::new(vec![walls], methods.collect()).run(folder.path())
+            let walls = Walls { close, ..Walls::new(1, 8) };
+            run_with_least_baseline(walls, &[entry(&[0, 4], &[1, 6])], methods).run(folder.path())
         };
         assert_eq!(run(false).unwrap().0.trials.len(), methods.len());
         let error = run(true).unwrap_err();

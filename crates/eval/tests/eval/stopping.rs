@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::common::{Run, Walls, baselines, dataset, entry, rows};
 use atsplat_eval::EvalError;
 use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, TrialInput, Warp};
-use atsplat_eval::runner::{Selection, current_provenance, evaluate_trial, run_until};
+use atsplat_eval::runner::{Selection, evaluate_trial, run_until};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
-use atsplat_results::{MethodRecord, Results, Store};
+use atsplat_results::{MethodRecord, Results};
 use atsplat_tests::on_threads;
 
 /// The plane warp, which counts its calls and knows one at which it was interrupted.
@@ -41,9 +41,7 @@ fn a_stopped_run_keeps_what_was_finished_and_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let method = Arc::new(Counted { calls: AtomicUsize::new(0), last: 4 });
     let run = walls(vec![Arc::clone(&method) as Arc<dyn Method>]);
-    let plan = run.plan();
-    let store =
-        Store::resume(folder.path(), plan.provenance(current_provenance("0", None, Vec::new())).unwrap()).unwrap();
+    let (plan, store) = (run.plan(), run.store(folder.path()).unwrap());
     let stop = || method.calls.load(Ordering::Relaxed) >= method.last;
     let stopped = on_threads(1, || run_until(&plan, store, &|_| (), &stop)).unwrap_err();
     assert!(matches!(stopped, EvalError::Stopped), "{stopped}");
@@ -66,9 +64,7 @@ fn a_stopped_timing_pass_keeps_the_times_of_finished_methods() {
     };
     let method = Arc::new(Counted { calls: AtomicUsize::new(0), last: 7 });
     let run = timed(vec![Arc::new(NearestView), Arc::clone(&method) as Arc<dyn Method>]);
-    let plan = run.plan();
-    let store =
-        Store::resume(folder.path(), plan.provenance(current_provenance("0", None, Vec::new())).unwrap()).unwrap();
+    let (plan, store) = (run.plan(), run.store(folder.path()).unwrap());
     let stop = || method.calls.load(Ordering::Relaxed) >= method.last;
     let stopped = run_until(&plan, store, &|_| (), &stop).unwrap_err();
     assert!(matches!(stopped, EvalError::Stopped), "{stopped}");

@@ -8,7 +8,7 @@ use std::time::Duration;
 use crate::common::methods::{counted_method, grey_after, method, timed_method};
 use crate::common::{Run, Walls, dataset, entry};
 use atsplat_eval::method::{Method, MethodError, Timed};
-use atsplat_eval::runner::{self, current_provenance};
+use atsplat_eval::runner;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_results::times::{Load, TimingRow, times};
 use atsplat_results::{Results, Store};
@@ -96,10 +96,8 @@ fn a_result_that_is_tried_again_is_timed_again() {
     assert_eq!(are_timed(&run(folder.path(), 2, &[mended(true)], SHORT)), [false], "not without the request");
     let datasets = vec![dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 2, 3, 5])])];
     let mended = Run { timing: Some(SHORT), ..Run::new(datasets, vec![mended(true)]) };
-    let plan = mended.plan();
-    let provenance = plan.provenance(current_provenance("0", None, Vec::new())).unwrap();
-    let store = Store::resume(folder.path(), provenance).unwrap().retry_failed();
-    let (results, _) = runner::run(&plan, store, &|_| ()).unwrap();
+    let store = mended.store(folder.path()).unwrap().retry_failed();
+    let (results, _) = runner::run(&mended.plan(), store, &|_| ()).unwrap();
     assert_eq!(are_timed(&results), [true; 2]);
 }
 

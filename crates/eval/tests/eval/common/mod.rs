@@ -203,10 +203,14 @@ impl Run {
         Plan { datasets, methods, suite, selection, timing, images, prefetch: Prefetch::default() }
     }
 
+    /// Its store in a new or existing folder.
+    pub(crate) fn store(&self, folder: &Path) -> Result<Store, EvalError> {
+        Ok(Store::resume(folder, self.plan().provenance(current_provenance("0", None, Vec::new()))?)?)
+    }
+
     /// Runs into a new or existing store, and checks the number of steps.
     pub(crate) fn run(&self, folder: &Path) -> Result<(Results, RunCounts), EvalError> {
-        let plan = self.plan();
-        let store = Store::resume(folder, plan.provenance(current_provenance("0", None, Vec::new()))?)?;
+        let (plan, store) = (self.plan(), self.store(folder)?);
         let steps = AtomicU64::new(0);
         let outcome = run(&plan, store, &|_| _ = steps.fetch_add(1, Ordering::Relaxed))?;
         assert_eq!(steps.into_inner(), plan.steps(), "every result and every timed method is a step");
