@@ -1,6 +1,6 @@
-//! What the tests of several crates need: threads, and what a machine may lack, such as real data, a graphics adapter or a browser. A
-//! test that skips says so where it is seen, and appends a line to the file `$ATSPLAT_SKIP_LOG`, from which CI lists every skipped test
-//! at its end.
+//! What the tests of several crates need: threads, files in folders, and what a machine may lack, such as real data, a graphics
+//! adapter or a browser. A test that skips says so where it is seen, and appends a line to the file `$ATSPLAT_SKIP_LOG`, from which CI
+//! lists every skipped test at its end.
 
 use std::ffi::OsString;
 use std::fmt::Display;
@@ -16,6 +16,16 @@ pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T
     #[expect(clippy::expect_used, reason = "a test fails by panicking")]
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads of the system");
     pool.install(work)
+}
+
+/// Writes a file, and the folders that it is in.
+///
+/// # Panics
+/// Where one of them cannot be written.
+pub fn write_file(path: &Path, bytes: impl AsRef<[u8]>) {
+    let folder = path.parent().unwrap_or(path);
+    let written = std::fs::create_dir_all(folder).and_then(|()| std::fs::write(path, bytes));
+    assert!(written.is_ok(), "{} cannot be written: {written:?}", path.display());
 }
 
 /// The folder of real data: `$ATSPLAT_SHARED_DATA`, or `../shared/data` beside the checkout. Where there is none the test

@@ -48,9 +48,7 @@ mod tests {
             let [there, here] = [(); 2].map(|()| tempfile::tempdir().unwrap());
             for (name, bytes) in files {
                 for (folder, bytes) in [(&there, *bytes), (&here, &[][..])] {
-                    let path = folder.path().join(name);
-                    fs::create_dir_all(path.parent().unwrap()).unwrap();
-                    fs::write(path, bytes).unwrap();
+                    atsplat_tests::write_file(&folder.path().join(name), bytes);
                 }
             }
             Arc::new(Self { there, here, fetched: Mutex::default() })

@@ -74,7 +74,6 @@ impl<R: SceneReader + ?Sized> SceneSource for R {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
     use std::path::Path;
 
     use atsplat_pixels::{ImageU8, encode_png};
@@ -155,9 +154,7 @@ mod tests {
     /// A scene in each format: three frames with one pose and a wide lens, whose images are there.
     fn write_formats(folder: &Path) {
         let write = |name: &str, text: &str| {
-            let path = folder.join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
+            atsplat_tests::write_file(&folder.join(name), text);
         };
         let row = |time: u32| format!("{time} 0.4 0.8 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n");
         write("re10k/s.txt", &[0, 50_000, 100_000].map(row).concat());
@@ -174,9 +171,7 @@ mod tests {
         let of_times = [0, 50_000, 100_000].map(|time: u32| format!("re10k/s/{time}.png"));
         let image = encode_png(&ImageU8::new(200, 100, vec![9; 60_000]).unwrap()).unwrap();
         for name in [2, 9, 10].into_iter().flat_map(of_captures).chain(of_times) {
-            let path = folder.join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, &image).unwrap();
+            atsplat_tests::write_file(&folder.join(name), &image);
         }
         let trajectories = open(folder.join("re10k"), &mut Warnings::new()).unwrap();
         export_chunks(&trajectories, &folder.join("torch"), 1, &mut Warnings::new(), &|| ()).unwrap();

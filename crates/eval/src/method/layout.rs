@@ -285,9 +285,7 @@ mod tests {
     fn frames_that_a_scenes_folder_lacks_are_named() {
         let folder = tempfile::tempdir().unwrap();
         for file in ["b-0/2.png", "b-0/0.png", "c/color/000028.jpg", "d/0.png", "d/1.png", "e/29.png", "e/66.png"] {
-            let path = folder.path().join(file);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, "").unwrap();
+            atsplat_tests::write_file(&folder.path().join(file), "");
         }
         let why = |scenes: &[&str], frames: &[usize]| {
             let requested: Vec<_> = scenes.iter().map(|&scene| RequestedScene { scene, frames }).collect();

@@ -83,7 +83,6 @@ impl<'a> ImagesAndTimes<'a> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
     use std::path::Path;
 
     use atsplat_results::Provenance;
@@ -96,9 +95,7 @@ mod tests {
 
     fn write(store: &Store, scene: &str, names: &[&str]) {
         for name in names {
-            let path = image_path(store.folder(), &key(name, scene, 0), 0);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, "an image").unwrap();
+            atsplat_tests::write_file(&image_path(store.folder(), &key(name, scene, 0), 0), "an image");
         }
     }
 

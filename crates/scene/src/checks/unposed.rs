@@ -38,7 +38,6 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
     use std::path::Path;
 
     use atsplat_pixels::{DecodeLimits, ImageU8, encode_png};
@@ -61,9 +60,7 @@ mod tests {
     }
 
     fn write(folder: &Path, name: &str, bytes: &[u8]) {
-        let path = folder.join(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, bytes).unwrap();
+        atsplat_tests::write_file(&folder.join(name), bytes);
     }
 
     fn write_trajectory(folder: &Path, frames: &[usize]) {

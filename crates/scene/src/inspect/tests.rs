@@ -325,9 +325,7 @@ fn images_that_no_frame_names_are_counted() {
     let FrameImage::Encoded(bytes) = png(64, 36) else { unreachable!() };
     let below = |name: &str| folder.path().join(name);
     for name in ["left/0", "left/1", "left/2", "left/3", "left/dynamic_mask_0", "right/0", "right/2", "other/0"] {
-        let path = below(name).with_extension("png");
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(path, &*bytes).unwrap();
+        atsplat_tests::write_file(&below(name).with_extension("png"), &*bytes);
     }
     let mut scene = wandering_scene("capture", 4);
     let [left, right, unposed] = ["left/0.png", "right/0.png", "left/2.png"].map(|name| FrameImage::File(below(name)));

@@ -116,9 +116,7 @@ mod tests {
     fn scannetpp() -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: String, text: &str| {
-            let path = folder.path().join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
+            atsplat_tests::write_file(&folder.path().join(name), text);
         };
         let frame = |name: &str, is_bad: bool| {
             let pose = [[1, 0, 0, 2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];

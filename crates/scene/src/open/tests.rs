@@ -12,9 +12,7 @@ const TRANSFORMS: &str = r#"{"w": 4, "h": 3, "fl_x": 4, "frames": [{"file_path":
 fn folder_of(files: &[(&str, &[u8])]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in files {
-        let path = folder.path().join(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, bytes).unwrap();
+        atsplat_tests::write_file(&folder.path().join(name), bytes);
     }
     folder
 }

@@ -258,9 +258,7 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let clips = folder.path();
             for key in ["a", "b"] {
-                let path = clips.join(trajectory.replace("KEY", key));
-                fs::create_dir_all(path.parent().unwrap()).unwrap();
-                fs::write(path, ROWS).unwrap();
+                atsplat_tests::write_file(&clips.join(trajectory.replace("KEY", key)), ROWS);
             }
             let load = |key: &str| {
                 let mut warnings = Warnings::new();

@@ -21,9 +21,7 @@ pub(crate) const KEYS: [&str; 2] = ["aaaa000000000001", "bbbb000000000002"];
 pub(crate) fn folder(files: &[(&str, &[u8])]) -> TempDir {
     let folder = TempDir::new().unwrap();
     for (name, bytes) in files {
-        let path = folder.path().join(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, bytes).unwrap();
+        atsplat_tests::write_file(&folder.path().join(name), bytes);
     }
     folder
 }

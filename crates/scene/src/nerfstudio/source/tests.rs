@@ -12,10 +12,8 @@ use crate::camera_file::{self, LensOfPoses};
 use crate::{FrameImage, SceneSource as _};
 
 fn write_image(folder: &TempDir, name: &str, [width, height]: [u32; 2]) {
-    let path = folder.path().join(name);
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
     let image = ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
-    fs::write(path, encode_png(&image).unwrap()).unwrap();
+    atsplat_tests::write_file(&folder.path().join(name), encode_png(&image).unwrap());
 }
 
 /// A scene with these `global` fields, and a frame with these fields for each path.

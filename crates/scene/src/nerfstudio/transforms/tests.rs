@@ -41,35 +41,15 @@ fn errors_name_the_file_that_was_read() {
 fn load(root: &Value, files: &[&str], images: ImageFolder) -> Result<(Scene, Warnings), SceneError> {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("transforms.json"), root.to_string()).unwrap();
+    let image = atsplat_pixels::encode_png(&atsplat_pixels::ImageU8::new(8, 6, vec![7; 144]).unwrap()).unwrap();
     for file in files {
-        let path = folder.path().join(file);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        let image = image_bytes(8, 6);
-        fs::write(path, image).unwrap();
+        atsplat_tests::write_file(&folder.path().join(file), &image);
     }
     let options = NerfstudioOptions { images, ..NerfstudioOptions::default() };
     let source = NerfstudioScenes::open(folder.path(), options, &mut Warnings::new()).unwrap();
     let mut warnings = Warnings::new();
     let scene = source.load(&source.keys()[0], &mut warnings)?;
     Ok((scene, warnings))
-}
-
-/// The header of a PNG; nothing else is read here.
-fn image_bytes(width: u32, height: u32) -> Vec<u8> {
-    let mut header = b"IHDR".to_vec();
-    header.extend(width.to_be_bytes());
-    header.extend(height.to_be_bytes());
-    header.extend([8, 2, 0, 0, 0]);
-    let mut bytes = b"\x89PNG\r\n\x1a\n\x00\x00\x00\x0d".to_vec();
-    bytes.extend(&header);
-    bytes.extend(crc32(&header).to_be_bytes());
-    bytes
-}
-
-fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(!0u32, |crc, byte| {
-        (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))
-    })
 }
 
 fn file_name(image: &FrameImage) -> &str {
@@ -357,9 +337,10 @@ fn an_image_of_another_shape_is_not_decoded() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("transforms.json"), transforms(|_| ()).to_string()).unwrap();
         let image = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
-        let path = folder.path().join(format!("images{elsewhere}/f_1.png"));
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, atsplat_pixels::encode_png(&image).unwrap()).unwrap();
+        atsplat_tests::write_file(
+            &folder.path().join(format!("images{elsewhere}/f_1.png")),
+            atsplat_pixels::encode_png(&image).unwrap(),
+        );
         let source = NerfstudioScenes::open(folder.path(), NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
         let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
         scene.decode(0, &atsplat_pixels::DecodeLimits::default()).map(|image| (image.width(), image.height()))
