@@ -3,7 +3,7 @@ use super::drawing::labels::names_above;
 use super::drawing::scale::Scale;
 use super::drawing::series::{
     Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
-    sentences,
+    sentences, without_interval,
 };
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN};
 use super::drawing::theme::{GRID, colour};
@@ -79,7 +79,9 @@ impl ExtrapolationDecay {
         let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), joined);
         let intervals = bars("Bars and bands", points().map(|point| &point.mean), false);
         let alone = if few.is_empty() { "" } else { "Points of fewer than three scenes are not joined." };
-        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, alone, &*beyond_note(&beyond, self.quality)]));
+        let unsure = without_interval(points().map(|point| &point.mean));
+        let beyond = beyond_note(&beyond, self.quality);
+        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*unsure, alone, &*beyond]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

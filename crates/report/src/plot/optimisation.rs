@@ -4,7 +4,9 @@ use plotters::style::RGBColor;
 use super::drawing::axes::{Axes, AxisText};
 use super::drawing::labels::names_above;
 use super::drawing::scale::{Scale, single_label, time_unit};
-use super::drawing::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
+use super::drawing::series::{
+    Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker, without_interval,
+};
 use super::drawing::shape::{Drawing, Extent, MARGIN, Stroke};
 use super::drawing::theme::colour;
 
@@ -105,7 +107,8 @@ impl OptimisationCurves {
             }
         }
         let intervals = bars("Bars", points().map(|point| &point.held_out), false);
-        let bottom = note(&mut drawing, below, &sentences([&*intervals, &*self.note]));
+        let few = without_interval(points().map(|point| &point.held_out));
+        let bottom = note(&mut drawing, below, &sentences([&*intervals, &*few, &*self.note]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

@@ -2,7 +2,9 @@ use atsplat_numeric::Extremes as _;
 
 use super::drawing::axes::Axes;
 use super::drawing::scale::Scale;
-use super::drawing::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
+use super::drawing::series::{
+    Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker, without_interval,
+};
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::drawing::theme::{GRID, MUTED, colour};
 
@@ -79,7 +81,9 @@ impl OverlapBinMeans {
         }
         let hollow = self.series.iter().any(|series| series.origin == Origin::Published);
         let hollow = if hollow { "Hollow: published; filled: measured." } else { "" };
-        let bottom = note(&mut drawing, below, &sentences([hollow, &*bars("Bars", means(), false)]));
+        let measured = self.series.iter().filter(|series| series.origin == Origin::Measured);
+        let few = without_interval(measured.flat_map(|series| series.means.iter().flatten()));
+        let bottom = note(&mut drawing, below, &sentences([hollow, &*bars("Bars", means(), false), &*few]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

@@ -3,7 +3,7 @@ use super::drawing::labels::names_above;
 use super::drawing::scale::Scale;
 use super::drawing::series::{
     Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
-    sentences,
+    sentences, without_interval,
 };
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN};
 use super::drawing::theme::{GRID, colour};
@@ -80,7 +80,9 @@ impl OverlapCurves {
         let joined = |a: f64, b: f64| self.edges.iter().filter(|edge| (a..b).contains(*edge)).count() < 2;
         let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), joined);
         let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
-        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond, self.quality)]));
+        let few = without_interval(points().map(|(_, mean)| mean));
+        let beyond = beyond_note(&beyond, self.quality);
+        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*few, &*beyond]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

@@ -1,6 +1,7 @@
 use std::cmp::Reverse;
 
 use atsplat_metrics::{Definition, Direction};
+use atsplat_results::statistics::MIN_SCENES;
 use plotters::style::RGBColor;
 use serde::{Deserialize, Serialize};
 
@@ -264,6 +265,15 @@ pub(in crate::plot) fn bars<'a>(what: &str, means: impl IntoIterator<Item = &'a 
     sentences([&*intervals, times])
 }
 
+/// Why some of these means over scenes have no interval where others have one; empty if all or none have.
+pub(in crate::plot) fn without_interval<'a>(means: impl IntoIterator<Item = &'a Estimate>) -> String {
+    let (with, without): (Vec<&Estimate>, Vec<&Estimate>) = means.into_iter().partition(|mean| mean.interval.is_some());
+    if with.is_empty() || without.is_empty() {
+        return String::new();
+    }
+    format!("Points of fewer than {MIN_SCENES} scenes have no interval.")
+}
+
 /// The sentences that are not empty, one after the other.
 pub(in crate::plot) fn sentences<'a>(all: impl IntoIterator<Item = &'a str>) -> String {
     all.into_iter().filter(|sentence| !sentence.is_empty()).collect::<Vec<_>>().join(" ")
@@ -294,6 +304,14 @@ mod tests {
     use atsplat_metrics::definition;
 
     use super::*;
+
+    #[test]
+    fn a_missing_interval_is_explained_beside_others() {
+        let (with, without) = (Estimate { value: 20.0, interval: Some([19.0, 21.0]) }, Estimate::exact(20.0));
+        assert_eq!(without_interval(&[with, without, with]), "Points of fewer than 6 scenes have no interval.");
+        assert_eq!(without_interval(&[with, with]), "");
+        assert_eq!(without_interval(&[without, without]), "");
+    }
 
     #[test]
     fn means_beyond_the_scale_have_the_digits_of_their_metric() {
