@@ -1,4 +1,5 @@
 use atsplat_numeric::Extremes as _;
+use plotters::style::RGBColor;
 
 use super::drawing::axes::Axes;
 use super::drawing::scale::Scale;
@@ -41,7 +42,7 @@ impl OverlapBinMeans {
         let names: Vec<&str> = self.series.iter().map(|series| series.label.as_str()).collect();
         let bottom = drawing.legend(MARGIN, head + 12.0, &names, |drawing, at, place| {
             if let Some(series) = self.series.get(at) {
-                mark(drawing, place, series.origin, colour(at));
+                mark(drawing, place, series.origin, self.colour_of(at));
             }
         });
         let top = bottom + 34.0;
@@ -67,15 +68,16 @@ impl OverlapBinMeans {
         let line = [[axes.inside.left, bottom], [axes.inside.right, bottom]];
         drawing.with(Role::Frame, |drawing| drawing.line(line, Stroke::new(MUTED, 1.0)));
         for (at, series) in self.series.iter().enumerate() {
+            let colour = self.colour_of(at);
             for (bin, mean) in series.means.iter().enumerate() {
                 let Some(mean) = mean else { continue };
                 let place = axes.place(bin as f64 + (at as f64 + 1.0) / (self.series.len() as f64 + 1.0), mean.value);
                 drawing.data(&series.label, |drawing| {
                     if let Some(interval) = mean.interval {
                         let ends = interval.map(|value| axes.y_of(value));
-                        whisker(drawing, place[0], ends, Stroke::new(colour(at), 1.5));
+                        whisker(drawing, place[0], ends, Stroke::new(colour, 1.5));
                     }
-                    mark(drawing, place, series.origin, colour(at));
+                    mark(drawing, place, series.origin, colour);
                 });
             }
         }
@@ -86,5 +88,44 @@ impl OverlapBinMeans {
         let bottom = note(&mut drawing, below, &sentences([hollow, &*bars("Bars", means(), false), &*few]));
         drawing.end_at(bottom + 14.0);
         drawing
+    }
+
+    /// Measured methods have the first colours, as in the curves over overlap, which have no published ones.
+    fn colour_of(&self, at: usize) -> RGBColor {
+        let is_measured = |series: &&OverlapBinSeries| series.origin == Origin::Measured;
+        let (before, from) = self.series.split_at(at.min(self.series.len()));
+        let measured_before = before.iter().filter(is_measured).count();
+        let measured_after = from.iter().filter(is_measured).count();
+        let is_published = from.first().is_some_and(|series| series.origin == Origin::Published);
+        colour(if is_published { before.len() + measured_after } else { measured_before })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_metrics::definition;
+
+    use super::*;
+
+    #[test]
+    fn measured_methods_have_the_first_colours() {
+        let series = |label: &str, origin| OverlapBinSeries {
+            label: label.to_owned(),
+            means: vec![Some(Estimate::exact(20.0))],
+            origin,
+        };
+        let plot = OverlapBinMeans {
+            title: "PSNR by overlap".to_owned(),
+            subtitle: "RealEstate10K by overlap, 60 scenes".to_owned(),
+            quality: definition("psnr").unwrap().into(),
+            bins: vec!["average".to_owned()],
+            series: vec![
+                series("a (paper)", Origin::Published),
+                series("b", Origin::Measured),
+                series("c (paper)", Origin::Published),
+                series("d", Origin::Measured),
+            ],
+        };
+        assert_eq!([0, 1, 2, 3].map(|at| plot.colour_of(at)), [2, 0, 3, 1].map(colour));
     }
 }
