@@ -114,13 +114,22 @@ fn frontier(sources: &[Source<'_>], preset: &PresetRecord) -> Result<Option<Draw
         notes.push(format!("Incomplete: {}.", lacking.join("; ")));
     }
     let plot = Frontiers {
-        title: format!("{} against time to the first image and against Gaussians", metric.name),
+        title: title_over(metric.name, panels.iter().map(|(cost, _)| *cost)),
         subtitle: format!("{}{}", subject(&results, preset), timed.in_words()),
         quality: metric.into(),
         panels,
         note: notes.join(" "),
     };
     Ok(Some(plot.draw()))
+}
+
+/// `PSNR against time to the first image and against Gaussians`, with the costs that have a panel.
+fn title_over(metric: &str, costs: impl Iterator<Item = CostAxis>) -> String {
+    let costs = costs.map(|cost| match cost {
+        CostAxis::Seconds => "against time to the first image",
+        CostAxis::Gaussians => "against Gaussians",
+    });
+    format!("{metric} {}", costs.collect::<Vec<_>>().join(" and "))
 }
 
 /// Time to the first image counts all that a process does for it.

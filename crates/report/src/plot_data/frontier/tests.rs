@@ -103,6 +103,15 @@ fn intervals_are_promised_where_they_are_drawn() {
 }
 
 #[test]
+fn the_title_names_the_costs_that_are_drawn() {
+    let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), atsplat("b", |_| ())]);
+    let has_title = |results: &Results, title: &str| said(results).lines().any(|line| line == title);
+    assert!(has_title(&results, "PSNR against time to the first image and against Gaussians"));
+    results.timings.clear();
+    assert!(has_title(&results, "PSNR against Gaussians"), "{}", said(&results));
+}
+
+#[test]
 fn a_device_is_that_of_its_method() {
     let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), atsplat("b", |_| ())]);
     for row in results.timings.iter_mut().filter(|row| row.key.method == "b") {
