@@ -83,8 +83,8 @@ impl SceneScatter {
                 below = below.maximum_of(edge);
             }
         }
-        let hint = "above the diagonal, the method on the y axis has the higher value";
-        let bottom = note(&mut drawing, below, hint);
+        let side = if self.quality.better(1.0, 0.0) { "Above" } else { "Below" };
+        let bottom = note(&mut drawing, below, &format!("{side} the diagonal, {} is better.", self.y));
         drawing.end_at(bottom + 14.0);
         drawing
     }
@@ -103,7 +103,8 @@ impl SceneScatter {
         let scale = Scale::around(panel.points.iter().flat_map(|point| [point.x, point.y]), 0.05);
         let axes = Axes { inside, x: scale, y: scale };
         axes.draw_y(drawing, &number_axis(&self.title_of(&self.y)));
-        let bottom = axes.draw_x(drawing, &number_axis(&self.title_of(&panel.x)));
+        // The same ticks as on the y axis: readers compare the two.
+        let bottom = axes.draw_x_at(drawing, &number_axis(&self.title_of(&panel.x)), &axes.y_ticks());
         let diagonal = [scale.low(), scale.high()].map(|value| axes.place(value, value));
         drawing.with(Role::Frame, |drawing| drawing.line(diagonal, Stroke::new(GREY, 1.5)));
         let mut labels = Labels::new(Extent { bottom: inside.bottom - 2.0, ..inside });
@@ -127,4 +128,47 @@ impl SceneScatter {
 fn caption(panel: &ScatterPanel, at: usize, top: f64) -> TextLine {
     let text = TextLine::new(&*panel.difference, [LEFT + PITCH * at as f64, 0.0]).small().side(Side::Left);
     TextLine { colour: INK, ..text }.within(SIDE).below(top + 14.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use atsplat_metrics::definition;
+
+    use super::super::drawing::shape::Shape;
+    use super::*;
+
+    fn plot(metric: &str) -> Drawing {
+        let points = [(17.0, 18.0), (29.0, 26.0)].map(|(x, y)| ScatterPoint { scene: "room".to_owned(), x, y });
+        let panel = ScatterPanel { x: "b".to_owned(), difference: String::new(), points: points.to_vec() };
+        SceneScatter {
+            title: "Scene by scene".to_owned(),
+            subtitle: "RealEstate10K, 2 scenes".to_owned(),
+            quality: definition(metric).unwrap().into(),
+            y: "a".to_owned(),
+            panels: vec![panel],
+            named: 0,
+        }
+        .draw()
+    }
+
+    #[test]
+    fn both_axes_have_the_same_ticks() {
+        let mut ticks: BTreeMap<u32, Vec<String>> = BTreeMap::new();
+        for item in &plot("psnr").items {
+            if let (Role::Tick(axis), Shape::Text(text)) = (&item.role, &item.shape) {
+                ticks.entry(*axis).or_default().push(text.text.clone());
+            }
+        }
+        let of_axes: Vec<Vec<String>> = ticks.into_values().collect();
+        assert_eq!(of_axes, [["18", "20", "22", "24", "26", "28"]; 2]);
+    }
+
+    #[test]
+    fn the_better_side_of_the_diagonal_is_that_of_the_metric() {
+        let says = |metric: &str, text: &str| plot(metric).texts().any(|said| said == text);
+        assert!(says("psnr", "Above the diagonal, a is better."));
+        assert!(says("lpips", "Below the diagonal, a is better."));
+    }
 }

@@ -37,7 +37,7 @@ impl Axes {
     /// Like [`Self::draw_y`], with the title `gap` above the plot.
     pub(in crate::plot) fn draw_y_below(&self, drawing: &mut Drawing, text: &AxisText<'_>, gap: f64) {
         let Extent { left, right, top, .. } = self.inside;
-        let ticks = self.y.ticks(fitting(self.inside.height(), 55.0, 8));
+        let ticks = self.y_ticks();
         let axis = drawing.next_axis();
         for tick in &ticks {
             let y = self.y_of(*tick);
@@ -56,6 +56,11 @@ impl Axes {
             let x = self.x_of(*tick);
             drawing.line([[x, self.inside.top], [x, self.inside.bottom]], Stroke::new(GRID, 1.0));
         }
+    }
+
+    /// The round values at which the y axis has room for ticks.
+    pub(in crate::plot) fn y_ticks(&self) -> Vec<f64> {
+        self.y.ticks(fitting(self.inside.height(), 55.0, 8))
     }
 
     /// The round values at which the x axis has room for ticks.
