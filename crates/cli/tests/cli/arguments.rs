@@ -18,7 +18,7 @@ fn urls_as_outputs_are_usage_errors_and_leave_nothing() {
     ] {
         let rejected = atsplat(here, args);
         let url = args.iter().find(|arg| arg.contains("://")).unwrap();
-        assert!(rejected.code == 2 && rejected.stderr.contains(url), "{args:?}: {}", rejected.stderr);
+        rejected.says(2, url);
     }
     assert_eq!(fs::read_dir(here).unwrap().count(), 0);
 }
@@ -80,8 +80,7 @@ fn a_report_is_written_by_one_process_at_a_time() {
     write_noise(here, 1);
     succeed(here, &["run", "tiny.toml", "--data", "data", "--method", "warp", "--out", "store"]);
     let lock = atsplat_files::FolderLock::of(&here.join("page")).unwrap();
-    let rejected = atsplat(here, &["report", "store", "--out", "page"]);
-    assert!(rejected.code == 1 && rejected.stderr.contains("page is being written by process "), "{}", rejected.stderr);
+    atsplat(here, &["report", "store", "--out", "page"]).says(1, "page is being written by process ");
     drop(lock);
     succeed(here, &["report", "store", "--out", "page"]);
     assert!(here.join("page/index.html").is_file());
@@ -96,9 +95,8 @@ fn an_output_is_written_by_one_process_at_a_time() {
     write_trajectory(&here.join("data/aaaa.txt"), 20);
     fs::write(here.join("given.json"), r#"{ "aaaa": { "context": [4, 14], "target": [9] } }"#).unwrap();
     let rejected_by = |args: &str, out: &str| {
-        let rejected = atsplat(here, &args.split(' ').collect::<Vec<_>>());
         let expected = format!("{out} is being written by process ");
-        assert!(rejected.code == 1 && rejected.stderr.contains(&expected), "{args}: {}", rejected.stderr);
+        atsplat(here, &args.split(' ').collect::<Vec<_>>()).says(1, &expected);
     };
     for (args, out) in [
         ("data export data cameras.csv", "cameras.csv"),

@@ -114,7 +114,6 @@ fn rejects_inputs_without_a_budget() {
         (&["--model", "nano", "--views", "0"], 2, "views"),
         (&["--model", "nano", "--thresholds", "1,1,1", "--ratios", "1,1,1"], 2, "--ratios"),
     ] {
-        let outcome = atsplat(Path::new("."), &[&["budget"], args].concat());
-        assert!(outcome.code == code && outcome.stderr.contains(message), "{args:?}: {}", outcome.stderr);
+        atsplat(Path::new("."), &[&["budget"], args].concat()).says(code, message);
     }
 }

@@ -48,8 +48,7 @@ fn data_without_a_readable_scene_are_a_failure() {
         (&["data", "export", "cut", "chunks", "--chunks"], "no scene of cut could be exported"),
         (&["data", "inspect", "cut"], "no scene of cut can be read"),
     ] {
-        let outcome = atsplat(here, args);
-        assert!(outcome.code == 1 && outcome.stderr.contains(message), "{args:?}: {}", outcome.stderr);
+        atsplat(here, args).says(1, message);
     }
     assert!(!here.join("cameras.csv").exists() && !here.join("chunks/index.json").exists());
     succeed(here, &["data", "export", "data", "cameras.csv", "--strict"]);
@@ -61,13 +60,9 @@ fn errors_name_unknown_data_and_outputs() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("empty")).unwrap();
-    let empty = atsplat(here, &["data", "inspect", "empty"]);
-    assert_eq!(empty.code, 1);
-    assert!(empty.stderr.contains("empty"), "{}", empty.stderr);
+    atsplat(here, &["data", "inspect", "empty"]).says(1, "empty");
     write_trajectory(&here.join("a.txt"), 3);
-    let outcome = atsplat(here, &["data", "export", "a.txt", "cameras.xlsx"]);
-    assert_eq!(outcome.code, 2);
-    assert!(outcome.stderr.contains("cameras.xlsx"), "{}", outcome.stderr);
+    atsplat(here, &["data", "export", "a.txt", "cameras.xlsx"]).says(2, "cameras.xlsx");
 }
 
 fn image() -> Vec<u8> {
@@ -98,8 +93,8 @@ fn frames_elsewhere_are_found_by_key() {
     let report = succeed(here, &["data", "inspect", "a.txt", "--frames", "frames/test", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["images"]["files"], 2, "{report}");
-    let above = atsplat(here, &["data", "inspect", "a.txt", "--frames", "frames"]);
-    assert!(above.code == 1 && above.stderr.contains("such as a/, found no such folder (frames)"), "{}", above.stderr);
+    atsplat(here, &["data", "inspect", "a.txt", "--frames", "frames"])
+        .says(1, "such as a/, found no such folder (frames)");
 }
 
 /// A broken image affects only its own scene.
@@ -113,9 +108,8 @@ fn writes_chunks_without_the_broken_scene() {
     }
     std::fs::write(here.join("data/b/0.png"), b"no image at all").unwrap();
     for out in ["data", "./data/test"] {
-        let rejected = atsplat(here, &["data", "export", "data", out, "--chunks"]);
         let expected = format!("error: {out}: chunks there would be read instead of the scenes of data");
-        assert!(rejected.code == 1 && rejected.stderr.contains(&expected), "{}", rejected.stderr);
+        atsplat(here, &["data", "export", "data", out, "--chunks"]).says(1, &expected);
     }
     assert!(!here.join("data/000000.torch").exists() && !here.join("data/test").exists());
     let text = succeed(here, &["data", "export", "data", "chunks", "--chunks"]);
@@ -230,9 +224,8 @@ fn hostile_chunk(folder: &Path) {
 #[test]
 fn geometry_is_not_checked_without_opencv() {
     let folder = tempfile::tempdir().unwrap();
-    let outcome = atsplat(folder.path(), &["data", "inspect", "nowhere", "--check-geometry"]);
     let expected = "--check-geometry requires a build with `--features opencv`";
-    assert!(outcome.code == 1 && outcome.stderr.contains(expected), "{}", outcome.stderr);
+    atsplat(folder.path(), &["data", "inspect", "nowhere", "--check-geometry"]).says(1, expected);
     let none = atsplat(folder.path(), &["data", "inspect", "nowhere", "--check-geometry", "--check-scenes", "0"]);
     assert_eq!(none.code, 2, "{}", none.stderr);
 }
@@ -289,9 +282,7 @@ fn images_that_frames_replace_are_counted_and_their_folder_is_locked() {
     assert!(succeed(here, &[&frames[..], &["--png"]].concat()).contains(removed));
     assert!(here.join("out/clip/33367.png").is_file() && !here.join("out/clip/33367.jpg").exists());
     let _lock = atsplat_files::FolderLock::of(&here.join("out/clip")).unwrap();
-    let rejected = atsplat(here, &frames);
-    let expected = "out/clip is being written by process ";
-    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    atsplat(here, &frames).says(1, "out/clip is being written by process ");
     succeed(here, &[&frames[..], &["--key", "other"]].concat());
 }
 
@@ -370,8 +361,7 @@ fn measures_the_motion_of_known_and_simulated_cameras() {
     assert_eq!(atsplat(here, &["data", "motion", "data", "--strict"]).code, 4, "a clip was left out");
     assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the embedded clips");
     for unread in [["--kind", "yards"], ["--split", "test"]] {
-        let rejected = atsplat(here, &[&["data", "motion", "data"][..], &unread].concat());
-        assert!(rejected.code == 2 && rejected.stderr.contains("--simulated <N>"), "{}", rejected.stderr);
+        atsplat(here, &[&["data", "motion", "data"][..], &unread].concat()).says(2, "--simulated <N>");
     }
 }
 

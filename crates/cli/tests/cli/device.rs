@@ -25,9 +25,8 @@ fn texts(args: &[String]) -> Vec<&str> {
 fn a_device_is_spelled_in_one_way() {
     let folder = tempfile::tempdir().unwrap();
     for command in ["run", "score", "reproduce", "train", "reconstruct", "budget", "fit", "render"] {
-        let rejected = atsplat(folder.path(), &[command, "--device", "gpu:0"]);
         let expected = "expected cpu, wgpu or wgpu:N, N as `atsplat adapters` numbers them, found \"gpu:0\"";
-        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{command}: {}", rejected.stderr);
+        atsplat(folder.path(), &[command, "--device", "gpu:0"]).says(2, expected);
     }
 }
 
@@ -41,8 +40,7 @@ fn images_alone_need_no_device() {
     for (args, expected) in
         [(texts(&run), "--device requires a method with a network or Gaussians"), (score, "--device requires --ply")]
     {
-        let rejected = atsplat(here, &args);
-        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{args:?}: {}", rejected.stderr);
+        atsplat(here, &args).says(2, expected);
     }
 }
 
@@ -59,10 +57,9 @@ fn networks_on_an_adapter_need_a_build_for_them() {
     let run = run(&[&["--method", "atsplat"], &network[..]].concat());
     let train = ["train", "--config", "none.toml", "--out", "store", "--device", "wgpu:0"];
     for args in [&texts(&run)[..], &sweep, &["reproduce", "--out", "store", "--device", "wgpu:0"], &train] {
-        let rejected = atsplat(here, args);
         let expected = "--device wgpu:0: the network on wgpu:0: this build runs networks only on the CPU; `cargo install \
                         --path crates/cli --locked --features gpu-network` makes one for wgpu";
-        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{args:?}: {}", rejected.stderr);
+        atsplat(here, args).says(1, expected);
         assert!(!here.join("store").exists(), "{args:?}");
     }
 }

@@ -215,12 +215,8 @@ fn distinguishes_changed_data_losses_and_missing_numbers() {
         results.targets.clear();
     };
     store_of(&at.join("empty"), 0.0, empty);
-    let outcome = atsplat(at, &["drift", "accept", "empty", "--baseline", "empty.json", "--why", "nothing"]);
-    assert!(
-        outcome.code == 1 && outcome.stderr.contains("an empty baseline cannot detect drift"),
-        "{}",
-        outcome.stderr
-    );
+    atsplat(at, &["drift", "accept", "empty", "--baseline", "empty.json", "--why", "nothing"])
+        .says(1, "an empty baseline cannot detect drift");
     let outcome = atsplat(at, &["drift", "empty", "--baseline", "quick.json"]);
     assert!(outcome.code == 1 && outcome.stdout.contains("targets are missing: 12"), "{}", outcome.stdout);
     assert!(outcome.stdout.ends_with("Verdict: nothing compared\n"), "{}", outcome.stdout);
@@ -292,8 +288,7 @@ fn plots_the_history_over_acceptances() {
     assert!(!svg.contains("the first numbers"), "nothing moved then");
     succeed(at, &["drift", "b", "--baseline", "quick.json", "--history", "b.png", "--method", "coarse"]);
     assert!(std::fs::read(at.join("b.png")).unwrap().starts_with(b"\x89PNG"));
-    let unknown = atsplat(at, &[&args[..], &["--metric", "beauty"]].concat());
-    assert!(unknown.code == 2 && unknown.stderr.contains("expected one of "), "{}", unknown.stderr);
+    atsplat(at, &[&args[..], &["--metric", "beauty"]].concat()).says(2, "expected one of ");
     // A plot that cannot be drawn hides no drift; without drift, it is an error.
     let renamed = atsplat(at, &[&args[..], &["--method", "other"]].concat());
     assert!(renamed.code == 3 && renamed.stdout.contains("DRIFTED"), "{}: {}", renamed.code, renamed.stdout);
@@ -387,8 +382,7 @@ fn limits_come_from_repetitions_of_the_run_alone() {
         ),
         ("calm", &["again"], 2, "--repeat has no effect"),
     ] {
-        let outcome = accept(store, repeats);
-        assert!(outcome.code == code && outcome.stderr.contains(message), "{}: {}", outcome.code, outcome.stderr);
+        accept(store, repeats).says(code, message);
         assert!(!at.join("b.json").exists(), "{message}");
     }
     let accepted = accept("then", &["again"]);
@@ -418,13 +412,7 @@ fn reports_usage_errors_and_broken_files() {
         (&["tradeoff", "then", "--metric", "psnr", "--metric", "PSNR"], 2, "--metric: psnr is given twice"),
         (&["tradeoff", "nowhere"], 1, "nowhere"),
     ] {
-        let outcome = atsplat(at, args);
-        assert!(
-            outcome.code == code && outcome.stderr.contains(message),
-            "{args:?}: {} {}",
-            outcome.code,
-            outcome.stderr
-        );
+        atsplat(at, args).says(code, message);
     }
     assert!(!at.join("b.json").exists(), "nothing is written where nothing was read");
 }
@@ -469,8 +457,7 @@ fn a_limit_is_stated_once_for_a_metric_and_stays() {
         ("then", &["--limit", "lpips=0.05"], 1, "limit: expected a metric with a limit: one of psnr, found lpips"),
         ("calm", &["--limit", "psnr=0.05"], 1, "limit: expected a method that is not deterministic, found none"),
     ] {
-        let outcome = accept(store, limits);
-        assert!(outcome.code == code && outcome.stderr.contains(message), "{}: {}", outcome.code, outcome.stderr);
+        accept(store, limits).says(code, message);
         assert!(!at.join("b.json").exists(), "{message}");
     }
     let said = |more: &[&str]| {

@@ -51,8 +51,7 @@ fn a_process_and_score_give_equal_numbers() {
     assert!(succeed(here, &run).contains("0 results computed"), "resumed");
     // Another script is another method.
     fs::write(here.join("method.sh"), fs::read_to_string(here.join("method.sh")).unwrap() + "# changed\n").unwrap();
-    let changed = atsplat(here, &run);
-    assert!(changed.code == 1 && changed.stderr.contains("methods mine"), "{}", changed.stderr);
+    atsplat(here, &run).says(1, "methods mine");
 }
 
 #[test]
@@ -62,8 +61,7 @@ fn no_process_starts_before_all_options_are_checked() {
     write_noise(here, 1);
     fs::write(here.join("method.sh"), "touch started\nexit 1\n").unwrap();
     let run = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "a=exec:sh method.sh"];
-    let rejected = atsplat(here, &[&run[..], &["--repetitions", "6"]].concat());
-    assert!(rejected.code == 2 && rejected.stderr.contains("--repetitions requires --timing"), "{}", rejected.stderr);
+    atsplat(here, &[&run[..], &["--repetitions", "6"]].concat()).says(2, "--repetitions requires --timing");
     assert!(!here.join("started").exists());
     let failed = atsplat(here, &[&run[..], &["--repetitions", "6", "--timing"]].concat());
     assert!(failed.code == 1 && here.join("started").exists(), "{}", failed.stderr);
@@ -87,13 +85,11 @@ fn options_about_gaussians_are_errors_if_all_processes_give_images() {
         [&["--background", "white"][..], &["--constants", "inria"], &["--mode", "classic"], &["--opacities-as-stored"]]
     {
         for methods in ["a=exec:sh images", "nearest-view,a=exec:sh images"] {
-            let rejected = run(methods, options);
             let error = format!("{} requires a method that gives Gaussians", options[0]);
-            assert!(rejected.code == 2 && rejected.stderr.contains(&error), "{methods}: {}", rejected.stderr);
+            run(methods, options).says(2, &error);
         }
         assert!(!here.join("store").exists(), "{options:?}");
-        let taken = run("a=exec:sh gaussians", options);
-        assert!(taken.code == 1 && taken.stderr.contains("the method says: none"), "{options:?}: {}", taken.stderr);
+        run("a=exec:sh gaussians", options).says(1, "the method says: none");
         fs::remove_dir_all(here.join("store")).unwrap();
     }
 }
@@ -137,11 +133,9 @@ fn a_command_that_is_no_method_is_an_error_before_the_run() {
     let ended = "method exec: the command \"sh -c '";
     assert!(silent.stderr.contains(ended), "{}", silent.stderr);
     let ended = "exit 4'\": the method's process: it ended with exit status: 4";
-    assert!(silent.code == 1 && silent.stderr.contains(ended), "{}", silent.stderr);
+    silent.says(1, ended);
     assert!(silent.stderr.contains("missing module") && !here.join("store").exists(), "{}", silent.stderr);
-    let slow = run("mine=exec:sh -c 'sleep 5; exit 4'");
-    let waiting = "waiting for mine to start, at most 600 s: ";
-    assert!(slow.code == 1 && slow.stderr.contains(waiting), "{}", slow.stderr);
+    run("mine=exec:sh -c 'sleep 5; exit 4'").says(1, "waiting for mine to start, at most 600 s: ");
     assert_eq!(run("exec:").code, 2);
 }
 

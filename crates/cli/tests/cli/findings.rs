@@ -231,12 +231,7 @@ fn evaluating_nothing_fails_with_any_flags() {
     for (scene, frame) in ["a", "b"].into_iter().flat_map(|scene| (0..5).map(move |frame| (scene, frame))) {
         std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), "no image").unwrap();
     }
-    let broken = run(here, &["--out", "broken"]);
-    assert!(
-        broken.code == 1 && broken.stderr.contains("every entry was skipped: 2 image-unreadable"),
-        "{}",
-        broken.stderr
-    );
+    run(here, &["--out", "broken"]).says(1, "every entry was skipped: 2 image-unreadable");
 }
 
 /// A NaN in each render leaves no score, and one finite render leaves one.
@@ -264,9 +259,8 @@ fn renders_without_a_score_fail_the_command() {
     write(2, 0.25);
     let one = score("one");
     assert!(one.code == 0 && one.stdout.contains("1 with non-finite samples"), "{}{}", one.stdout, one.stderr);
-    let strict = atsplat(here, &["report", "one", "--strict", "--out", "page"]);
     let expected = "one: tiny: 1 target of renders has NaN or infinite samples: scene a, frame 1: 1 in the render";
-    assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
+    atsplat(here, &["report", "one", "--strict", "--out", "page"]).says(4, expected);
 }
 
 /// Entries without a trial leave no row: the record of the run tells of them.
@@ -387,17 +381,11 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     ] {
         assert!(up.stderr.contains(text), "{text}: {}", up.stderr);
     }
-    let down = score("out/test/one");
-    assert!(
-        down.code == 1 && down.stderr.contains("out/test, in the layout SCENE/color/000029.png (2)"),
-        "{}",
-        down.stderr
-    );
-    let nowhere = score("data/one");
-    assert!(nowhere.code == 1 && nowhere.stderr.contains("the folder contains 0.png"), "{}", nowhere.stderr);
+    score("out/test/one").says(1, "out/test, in the layout SCENE/color/000029.png (2)");
+    score("data/one").says(1, "the folder contains 0.png");
     // Files of another size give rows without numbers.
     let small = score("small");
-    assert!(small.code == 1 && small.stderr.contains("small: SCENE/29.png (2)"), "{}", small.stderr);
+    small.says(1, "small: SCENE/29.png (2)");
     assert!(small.stderr.contains("all of 4 targets failed"), "{}", small.stderr);
     for line in [
         "tiny: 3 targets of theirs failed: scene one, frame 1: expected an image of 40×40, found 8×8\n",
@@ -411,9 +399,8 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     let results = Results::read(&here.join("store")).unwrap();
     let scored = results.targets.iter().filter(|row| row.scores.contains_key("psnr")).count();
     assert_eq!((results.targets.len(), scored), (4, 3));
-    let other = score("small");
     let said = "imported files of the two runs differ: expected the contents of out/test, found others in small, the first of theirs";
-    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+    score("small").says(1, said);
     assert_eq!(Results::read(&here.join("store")).unwrap(), results, "nothing was replaced");
 }
 
@@ -427,7 +414,7 @@ fn reports_a_changed_protocol_field_by_field() {
     let text = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
     std::fs::write(here.join("tiny.toml"), text.replacen("dilation = 0.3", "dilation = 0.1", 1)).unwrap();
     let other = run(here, &["--out", "store"]);
-    assert!(other.code == 1 && other.stderr.contains("toml.renderer.dilation: 0.3 and 0.1"), "{}", other.stderr);
+    other.says(1, "toml.renderer.dilation: 0.3 and 0.1");
     assert!(!other.stderr.contains('{'), "no structure is printed as code: {}", other.stderr);
 }
 
@@ -482,6 +469,5 @@ fn only_commands_that_can_skip_have_strict() {
     ] {
         assert!(!help(args).contains("--strict\n") && !help(args).contains("--strict "), "{args:?}");
     }
-    let before = atsplat(folder.path(), &["--strict", "run"]);
-    assert!(before.code == 2 && before.stderr.contains("'run --strict' exists"), "{}", before.stderr);
+    atsplat(folder.path(), &["--strict", "run"]).says(2, "'run --strict' exists");
 }

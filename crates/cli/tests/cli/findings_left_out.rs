@@ -29,7 +29,7 @@ fn write_capture(folder: &Path) {
 }
 
 fn strict_json(here: &Path, args: &[&str]) -> (i32, Value) {
-    let Outcome { code, stdout, stderr } = atsplat(here, &[args, &["--strict", "--json"]].concat());
+    let Outcome { code, stdout, stderr, .. } = atsplat(here, &[args, &["--strict", "--json"]].concat());
     let report = serde_json::from_str(&stdout);
     assert!(report.is_ok(), "{args:?}: {stdout}{stderr}");
     (code, report.unwrap())
@@ -93,9 +93,8 @@ fn undistortion_counts_scenes_of_another_format_and_fails_without_images() {
     assert_eq!((code, &report), (4, &json!({ "written": 30, "skipped": 2 })));
     let text = succeed(here, &undistort);
     assert!(text.contains("30 images written, 2 scenes or frames skipped\n"), "not strict: {text}");
-    let nothing = atsplat(here, &["data", "undistort", "data/a.txt", "--out", "none"]);
     let error = "error: no image of data/a.txt could be undistorted\n";
-    assert!(nothing.code == 1 && nothing.stderr.contains(error), "{}: {}", nothing.code, nothing.stderr);
+    atsplat(here, &["data", "undistort", "data/a.txt", "--out", "none"]).says(1, error);
     assert!(!here.join("none/a").exists(), "no list without frames");
 }
 
@@ -147,8 +146,7 @@ fn motion_counts_unreadable_scenes_and_fails_without_any() {
         assert!(nothing.stderr.contains(text), "{text}: {}", nothing.stderr);
     }
     // The first dataset's warnings do not get lost with an error of the second.
-    let second = atsplat(here, &["data", "motion", "data", "nowhere"]);
-    assert!(second.code == 1 && second.stderr.contains("1 × unreadable-scene"), "{}", second.stderr);
+    atsplat(here, &["data", "motion", "data", "nowhere"]).says(1, "1 × unreadable-scene");
 }
 
 /// A scene with an entry, and one that is too short for the rule; then one that is cut off, alone.
@@ -220,9 +218,8 @@ fn expansion_counts_trials_with_damaged_images() {
     for scene in [0, 1, 3, 4, 5] {
         cut(scene);
     }
-    let nothing = atsplat(here, &args);
     let error = format!("error: tiny: none of its trials can be read: 6 {kind}: scene scene-00, entry 0: ");
-    assert!(nothing.code == 1 && nothing.stderr.contains(&error), "{}: {}", nothing.code, nothing.stderr);
+    atsplat(here, &args).says(1, &error);
 }
 
 #[test]
@@ -238,9 +235,8 @@ fn overlaps_of_an_index_without_entries_are_a_failure() {
         ("nulls.json", "no scene of the index has an entry\n"),
         ("gone.json", "1 entry failed, the first with scene-missing: scene \"gone\", entry 0: "),
     ] {
-        let outcome = atsplat(here, &["protocol", "overlap", index, "--data", "data", "-o", "out.json"]);
         let error = format!("error: no overlap of {index} could be measured: {why}");
-        assert!(outcome.code == 1 && outcome.stderr.contains(&error), "{}: {}", outcome.code, outcome.stderr);
+        atsplat(here, &["protocol", "overlap", index, "--data", "data", "-o", "out.json"]).says(1, &error);
         assert!(!here.join("out.json").exists(), "{index}");
     }
 }
@@ -257,9 +253,7 @@ fn strict_counts_a_simulation_that_has_not_ended() {
     let args = ["data", "inspect", "rooms/test", "--strict"];
     assert_eq!(atsplat(here, &args).code, 0);
     std::fs::write(here.join("rooms/planned.json"), "[]").unwrap();
-    let outcome = atsplat(here, &args);
-    let expected = "has not ended: rooms/planned.json lists all its scenes";
-    assert!(outcome.code == 4 && outcome.stderr.contains(expected), "{}", outcome.stderr);
+    atsplat(here, &args).says(4, "has not ended: rooms/planned.json lists all its scenes");
 }
 
 /// The listed images are twice as large as the protocol expects; a copy next to them fits.

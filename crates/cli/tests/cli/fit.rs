@@ -65,9 +65,8 @@ fn a_fit_on_an_adapter_says_so() {
         return skip_without_graphics("cli fit", "none listed");
     };
     let adapter = format!("{adapter}, {}", adapter.driver);
-    let rejected = atsplat(here, &fit(&[&checkpoint[..], &["--resume", "--device", "wgpu:0"]].concat()));
     let expected = format!("checkpoint: device: expected {adapter}, found cpu (state)");
-    assert!(rejected.code == 1 && rejected.stderr.contains(&expected), "{}", rejected.stderr);
+    atsplat(here, &fit(&[&checkpoint[..], &["--resume", "--device", "wgpu:0"]].concat())).says(1, &expected);
     let text = succeed(here, &fit(&["--device", "wgpu:0"]));
     assert!(text.lines().next().is_some_and(|line| line.ends_with(&format!(" on {adapter}"))), "{text}");
     let on_adapter = record();
@@ -177,8 +176,7 @@ fn errors_name_the_option_that_mends_them() {
             "error: max-gaussians: expected at least the 1000000000000000 initial Gaussians, found 1000000",
         ),
     ] {
-        let rejected = atsplat(here, &[&fit[..], more].concat());
-        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
+        atsplat(here, &[&fit[..], more].concat()).says(1, expected);
     }
     let one = atsplat(here, &[&fit[..], &["--held-out", "0,4"]].concat());
     assert!(one.stderr.contains(" is the only view"), "{}", one.stderr);
@@ -215,8 +213,7 @@ fn options_of_datasets_are_rejected_for_renders() {
         (["--images", "2"], 2, "COLMAP, found the output of `atsplat render`"),
         (["--frames", "photos"], 2, "--frames: expected RE10K trajectories or a COLMAP model, found the output of"),
     ] {
-        let rejected = fit(&more);
-        assert!(rejected.code == code && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
+        fit(&more).says(code, expected);
     }
     assert!(!here.join("fitted.ply").exists());
     assert_eq!(fit(&["--key", "render"]).code, 0);
@@ -292,8 +289,7 @@ fn files_are_opened_before_the_optimisation() {
             "error: creating the folder photos/000000.png: expected a folder, found the file photos/000000.png",
         ),
     ] {
-        let rejected = atsplat(here, &fit(&more));
-        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
+        atsplat(here, &fit(&more)).says(1, expected);
         assert!(!here.join("fitted.ply").exists(), "{more:?}");
     }
     succeed(here, &fit(&["--checkpoint", "new/state", "--checkpoint-every", "2"]));
@@ -312,8 +308,7 @@ fn no_record_of_an_earlier_run_is_left_next_to_new_gaussians() {
     assert!(here.join("fitted.ply.json").is_file());
     std::fs::remove_file(here.join("plots/contact-sheet.png")).unwrap();
     std::fs::create_dir(here.join("plots/contact-sheet.png")).unwrap();
-    let failed = atsplat(here, &fit);
-    assert!(failed.code == 1 && failed.stderr.contains("contact-sheet.png"), "{}", failed.stderr);
+    atsplat(here, &fit).says(1, "contact-sheet.png");
     assert!(here.join("fitted.ply").is_file() && !here.join("fitted.ply.json").exists());
 }
 
@@ -327,7 +322,7 @@ fn a_run_without_a_step_is_a_failure() {
     let failed = atsplat(here, &[&fit[..], &["--seconds", "1e-9", "--out", "fitted.ply"]].concat());
     let expected =
         "error: --seconds: the time limit ended before the first step; fitted.ply contains the initial Gaussians";
-    assert!(failed.code == 1 && failed.stderr.contains(expected), "{}", failed.stderr);
+    failed.says(1, expected);
     assert!(here.join("fitted.ply").is_file());
 }
 
@@ -364,8 +359,7 @@ fn of_two_runs_into_one_file_the_later_one_fails() {
         (&["./fitted.ply", "--steps", "1"][..], "fitted.ply is being written by process "),
         (&["other.ply", "--steps", "1", "--checkpoint", "state", "--resume"], "state is being written by process "),
     ] {
-        let rejected = atsplat(here, &[&FIT_TO[..], more].concat());
-        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
+        atsplat(here, &[&FIT_TO[..], more].concat()).says(1, expected);
     }
     assert!(!here.join("other.ply").exists() && !here.join("other.ply.lock").exists());
     succeed(here, &[&FIT_TO[..], &["other.ply", "--steps", "1"]].concat());
@@ -380,8 +374,7 @@ fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_noted() {
     photograph(here);
     let run = ["fitted.ply", "--steps", "1", "--checkpoint", "state", "--resume"];
     let note = "note: --resume: no checkpoint at state; starting from step 0";
-    let first = atsplat(here, &[&FIT_TO[..], &run].concat());
-    assert!(first.code == 0 && first.stderr.contains(note), "{}", first.stderr);
+    atsplat(here, &[&FIT_TO[..], &run].concat()).says(0, note);
     let record: Value = serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
     let hash = Sha256Digest::of(&std::fs::read(here.join("fitted.ply")).unwrap());
     assert_eq!(record["file-sha256"], hash.to_string());
@@ -410,16 +403,14 @@ fn options_that_nothing_reads_are_usage_errors() {
         (&["--start", "random:0"], "--start: expected random:N, found \"random:0\"; N is at least 1"),
     ] {
         let fit = ["fit", "photos", "--views", "..", "--strategy", "3dgs", "--steps", "2", "--out", "fitted.ply"];
-        let rejected = atsplat(here, &[&fit[..], more].concat());
-        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
+        atsplat(here, &[&fit[..], more].concat()).says(2, expected);
     }
     for (data, more, expected) in [
         ("photos", "--absolute-gradients", "--absolute-gradients requires --strategy 3dgs or mip-splatting"),
         ("s3://bucket/photos", "--start=points", "--start points requires DATA on this machine"),
     ] {
         let fit = ["fit", data, "--views", "..", "--strategy", "mcmc", "--steps", "2", "--out", "fitted.ply", more];
-        let rejected = atsplat(here, &fit);
-        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{more}: {}", rejected.stderr);
+        atsplat(here, &fit).says(2, expected);
     }
     assert_eq!(std::fs::read_dir(here).unwrap().count(), 0, "nothing was written");
 }

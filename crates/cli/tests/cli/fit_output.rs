@@ -37,8 +37,7 @@ fn gaussians_are_written_in_the_format_of_their_extension() {
         ("mip.ply", "fixed", "no.spz", 1, "--out no.spz: expected a file that ends in .ply, because the initial"),
         (SCENE, "fixed", "no.splat", 2, "expected a file that ends in .ply or .spz, found \"no.splat\""),
     ] {
-        let rejected = fit(["--start", start, "--strategy", strategy, "--out", out]);
-        assert!(rejected.code == code && rejected.stderr.contains(expected), "{out}: {}", rejected.stderr);
+        fit(["--start", start, "--strategy", strategy, "--out", out]).says(code, expected);
         assert!(!here.join(out).exists(), "{out}");
     }
 }

@@ -41,9 +41,7 @@ fn photos_with_alpha_are_composited_over_the_background_if_asked() {
     assert!(dropped.2 != black.2 && black.2 != white.2 && dropped.2 != white.2, "other pixels");
     assert_eq!(fit(&["--background", "white"]).2, dropped.2, "the background alone changes no photo");
     let random = ["--views", "..", "--steps", "1", "--alpha", "composite", "--background", "random"];
-    let rejected = atsplat(here, &[&FIT[..], &random].concat());
-    let expected = "--alpha composite requires --background black or white";
-    assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    atsplat(here, &[&FIT[..], &random].concat()).says(2, "--alpha composite requires --background black or white");
 }
 
 /// Two steps see two of the three views that are not held out.
@@ -73,8 +71,7 @@ fn ranges_leave_out_missing_photos_with_a_warning() {
     assert!(fitted.code == 0 && warned, "{}", fitted.stderr);
     let record = record(here);
     assert_eq!((&record["views"], &record["held-out"]), (&json!(["2", "3", "5", "6", "7"]), &json!(["0", "4"])));
-    let none = fit(&["--views", "..", "--held-out", "1..2"]);
-    assert!(none.code == 1 && none.stderr.contains("--held-out: none of these frames has a photo"), "{}", none.stderr);
+    fit(&["--views", "..", "--held-out", "1..2"]).says(1, "--held-out: none of these frames has a photo");
     fs::remove_file(here.join("photos/000005.png")).unwrap();
     let both = fit(&["--views", "0..4", "--held-out", "4..8"]);
     assert_eq!(both.code, 0, "{}", both.stderr);

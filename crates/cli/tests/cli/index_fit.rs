@@ -39,7 +39,7 @@ fn targets_that_are_not_the_protocols_fail_a_strict_run() {
         let Some(kind) = kind else { continue };
         assert!(run.stdout.contains(&format!("warning: tiny: 1 {kind}")), "{name}: {}", run.stdout);
         assert!(report.stderr.contains(&format!("tiny: 1 {kind}")), "{name}: {}", report.stderr);
-        assert!(lint.code == 4 && lint.stderr.contains(&format!("1 {kind}")), "{name}: {}", lint.stderr);
+        lint.says(4, &format!("1 {kind}"));
     }
 }
 

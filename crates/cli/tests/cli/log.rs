@@ -37,9 +37,7 @@ fn a_filter_that_matches_nothing_is_a_usage_error() {
         ("atsplat_scene=loud", "atsplat_scene=loud"),
         ("atsplat_scene=debug,atsplat_evl=debug", "found \"atsplat_evl\""),
     ] {
-        let outcome = atsplat(folder.path(), &["--log", filter, "protocol", "list"]);
-        assert_eq!(outcome.code, 2, "{}", outcome.stderr);
-        assert!(outcome.stderr.contains(expected), "{}", outcome.stderr);
+        atsplat(folder.path(), &["--log", filter, "protocol", "list"]).says(2, expected);
     }
     assert_eq!(atsplat(folder.path(), &["-v", "--log", "debug", "protocol", "list"]).code, 2);
 }

@@ -88,9 +88,7 @@ fn an_index_without_overlaps_has_no_histogram() {
         std::fs::write(here.join("index.json"), text).unwrap();
     };
     write("");
-    let rejected = atsplat(here, &overlap);
-    let expected = "error: no entry of index.json states an overlap: --data measures it";
-    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    atsplat(here, &overlap).says(1, "error: no entry of index.json states an overlap: --data measures it");
     assert!(!here.join("out.json").exists() && !here.join("plot.svg").exists());
     write(r#", "overlap": 0.2"#);
     succeed(here, &overlap);
@@ -162,8 +160,7 @@ fn exit_codes_of_usage_errors_broken_files_and_strict_skips() {
     std::fs::create_dir(here.join("data")).unwrap();
     write_trajectory(&here.join("data/short.txt"), 3);
     let args = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json"];
-    let nothing = atsplat(here, &args);
-    assert!(nothing.code == 1 && nothing.stderr.contains("no scene of data has an entry"), "{}", nothing.stderr);
+    atsplat(here, &args).says(1, "no scene of data has an entry");
     write_trajectory(&here.join("data/long.txt"), 200);
     assert_eq!(atsplat(here, &args).code, 0);
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
@@ -186,9 +183,8 @@ fn a_strict_build_rejects_missing_and_unreadable_images() {
     let target = index["a"]["target"][1].as_u64().unwrap();
     let empty = here.join(format!("data/a/{}.png", target * 33_367));
     std::fs::write(&empty, []).unwrap();
-    let strict = atsplat(here, &build);
     let named = format!("frame {target} of scene \"a\"");
-    assert!(strict.code == 4 && strict.stderr.contains(&named), "{}: {}", strict.code, strict.stderr);
+    atsplat(here, &build).says(4, &named);
     std::fs::write(&empty, &image).unwrap();
     std::fs::remove_file(here.join("data/a/0.png")).unwrap();
     let strict = atsplat(here, &build);
@@ -249,9 +245,7 @@ fn unknown_names_are_usage_errors_before_anything_is_read() {
         (&["extrapolate", "nowhere", "-o", "out", "--margin", "1001"], "expected 1 to 1000 frames"),
         (&["extrapolate", "nowhere", "-o", "out", "--margin", "18446744073709551615"], "expected 1 to 1000 frames"),
     ] {
-        let outcome = atsplat(&repository(), &[&["protocol"], args].concat());
-        assert_eq!(outcome.code, 2, "{args:?}: {}", outcome.stderr);
-        assert!(outcome.stderr.contains(expected), "{args:?}: {}", outcome.stderr);
+        atsplat(&repository(), &[&["protocol"], args].concat()).says(2, expected);
     }
 }
 
@@ -261,15 +255,11 @@ fn an_unwritable_output_fails_before_the_work() {
     let here = folder.path();
     std::fs::write(here.join("file"), "").unwrap();
     let args = ["protocol", "build", "nowhere", "--sampler", "dl3dv-6v", "-o", "file/index.json"];
-    let outcome = atsplat(here, &args);
-    assert_eq!(outcome.code, 1);
-    assert!(outcome.stderr.contains("file"), "the output is named, not the missing data: {}", outcome.stderr);
+    atsplat(here, &args).says(1, "file");
 
     let index = repository().join("eval/indices/example.json");
     let args = ["protocol", "overlap", index.to_str().unwrap(), "--data", "nowhere", "--plot", "file/plot.svg"];
-    let outcome = atsplat(here, &args);
-    assert_eq!(outcome.code, 1);
-    assert!(outcome.stderr.contains("file"), "the plot is named, not the missing data: {}", outcome.stderr);
+    atsplat(here, &args).says(1, "file");
 }
 
 #[test]

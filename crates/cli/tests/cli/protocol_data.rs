@@ -27,9 +27,7 @@ fn every_command_uses_the_requested_images() {
 
     for command in [&["overlap", "index.json"][..], &["extrapolate", "index.json", "-o", "outside.json"]] {
         let args = [&["protocol"], command, &["--data", data, "--images", "8"]].concat();
-        let outcome = atsplat(here, &args);
-        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-        assert!(outcome.stderr.contains("images_8/frame_00081.png"), "{command:?}: {}", outcome.stderr);
+        atsplat(here, &args).says(0, "images_8/frame_00081.png");
     }
     let without_data = atsplat(here, &["protocol", "overlap", "index.json", "--images", "8"]);
     assert_eq!(without_data.code, 2, "{}", without_data.stderr);
@@ -47,11 +45,8 @@ fn measures_depth_covisibility_from_files() {
     std::fs::write(here.join("index.json"), index).unwrap();
 
     let measure = ["protocol", "overlap", "index.json", "--data", "data", "--estimator", "depth-covisibility"];
-    let rejected = atsplat(here, &measure);
-    assert_eq!(rejected.code, 2);
-    assert!(rejected.stderr.contains("--depth <FOLDER>"), "{}", rejected.stderr);
-    let nowhere = atsplat(here, &[&measure[..], &["--depth", "nowhere"]].concat());
-    assert!(nowhere.code == 1 && nowhere.stderr.contains("nowhere"), "{}", nowhere.stderr);
+    atsplat(here, &measure).says(2, "--depth <FOLDER>");
+    atsplat(here, &[&measure[..], &["--depth", "nowhere"]].concat()).says(1, "nowhere");
 
     let args = [&measure[..], &["--depth", "depth", "-o", "overlap.json"]].concat();
     let report = succeed(here, &args);
@@ -88,9 +83,7 @@ fn renders_of_the_cameras_of_the_data_are_depth_maps() {
         assert!(measured.code == 0 && one, "{channel}: {}{}", measured.stdout, measured.stderr);
     }
     render(&["--orbit", "12"]);
-    let other = measure();
-    let message = "expected one view of frame \"66734\", found 0";
-    assert!(other.code == 1 && other.stderr.contains(message), "{}", other.stderr);
+    measure().says(1, "expected one view of frame \"66734\", found 0");
 }
 
 #[test]
@@ -129,11 +122,10 @@ fn overlaps_that_cannot_be_measured_are_counted_by_entry_and_scene() {
     assert!(!measured.stdout.contains("\"torn\" entry 1"), "one of each scene: {}", measured.stdout);
     assert!(measured.stderr.contains("torn.txt"), "the scene's file is named: {}", measured.stderr);
     assert_eq!(measure("index.json", "data", &["--strict"]).code, 4);
-    let no_data = measure("index.json", "nowhere", &[]);
-    assert!(no_data.code == 1 && no_data.stderr.contains("(nowhere)"), "{}", no_data.stderr);
+    measure("index.json", "nowhere", &[]).says(1, "(nowhere)");
 
-    let nothing = measure("gone.json", "data", &["-o", "out.json", "--plot", "out.svg", "--strict"]);
-    assert!(nothing.code == 1 && nothing.stderr.contains("no overlap of gone.json"), "{}", nothing.stderr);
+    measure("gone.json", "data", &["-o", "out.json", "--plot", "out.svg", "--strict"])
+        .says(1, "no overlap of gone.json");
     assert!(!here.join("out.json").exists() && !here.join("out.svg").exists(), "nothing is written");
 }
 
@@ -165,8 +157,7 @@ fn write_depths(here: &Path, scene: &str, depth: f32) {
 fn feature_coverage_needs_its_feature() {
     let args = ["protocol", "overlap", "nowhere.json", "--data", "nowhere", "--estimator", "feature-coverage"];
     let folder = tempfile::tempdir().unwrap();
-    let outcome = atsplat(folder.path(), &args);
-    assert!(outcome.code == 1 && outcome.stderr.contains("--features opencv"), "{}", outcome.stderr);
+    atsplat(folder.path(), &args).says(1, "--features opencv");
 }
 
 #[test]

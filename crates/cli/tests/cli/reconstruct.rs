@@ -129,12 +129,11 @@ fn uses_a_gpu_or_reports_that_there_is_none() {
         return;
     }
     let message = if cfg!(feature = "gpu-network") { "adapter" } else { "--features gpu-network" };
-    assert!(outcome.code == 1 && outcome.stderr.contains(message), "{}", outcome.stderr);
+    outcome.says(1, message);
     assert!(!here.join("scene.ply").exists());
     let required = cfg!(feature = "gpu-network") && graphics_required();
     assert!(!required, "{}", outcome.stderr);
-    let outcome = atsplat(here, &["budget", "--model", "nano", "--run", "--device", "wgpu"]);
-    assert!(outcome.code == 1 && outcome.stderr.contains(message), "{}", outcome.stderr);
+    atsplat(here, &["budget", "--model", "nano", "--run", "--device", "wgpu"]).says(1, message);
     assert_ne!(atsplat(here, &["budget", "--device", "wgpu"]).code, 0, "nothing runs without --run");
 }
 
@@ -251,8 +250,7 @@ fn photos_are_scaled_to_the_training_resolution() {
     }
     let config = ModelConfig { resolution: ImageSize::new(8208, 16), ..ModelConfig::read(&tiny()).unwrap() };
     ModelWeights::new(config, BTreeMap::new(), &tensors).unwrap().write(&weights_file, Precision::Single).unwrap();
-    let refused = atsplat(here, &reconstruct(&file));
-    assert!(refused.code == 1 && refused.stderr.contains("setting for large images: "), "{}", refused.stderr);
+    atsplat(here, &reconstruct(&file)).says(1, "setting for large images: ");
 }
 
 /// Weights from a file make the same Gaussians, also under other configurations.
@@ -282,22 +280,19 @@ fn reconstructs_with_weights_from_a_file() {
         assert_eq!(record(here)["tokens"]["final"], count, "{more:?}");
         assert_eq!(record(here)["model"]["written-for"]["name"], "tiny");
     }
-    let other = atsplat(here, &reconstruct(&[&file[..], &["--model", "nano", "--size", "48x32"]].concat()));
-    assert!(other.code == 1 && other.stderr.contains("coarse.layers: 4 and 2"), "{}", other.stderr);
+    atsplat(here, &reconstruct(&[&file[..], &["--model", "nano", "--size", "48x32"]].concat()))
+        .says(1, "coarse.layers: 4 and 2");
     let hash = "0".repeat(64);
-    let other = atsplat(here, &reconstruct(&[&file[..], &["--sha256", &hash]].concat()));
-    assert!(other.code == 1 && other.stderr.contains(&format!("sha256 {hash}, found ")), "{}", other.stderr);
+    atsplat(here, &reconstruct(&[&file[..], &["--sha256", &hash]].concat())).says(1, &format!("sha256 {hash}, found "));
 
     let mut bytes = fs::read(here.join("weights.safetensors")).unwrap();
     let last = bytes.len() - 1;
     bytes[last] ^= 1;
     fs::write(here.join("weights.safetensors"), &bytes).unwrap();
     fs::remove_file(here.join("scene.ply")).unwrap();
-    let broken = atsplat(here, &reconstruct(&file));
-    assert!(broken.code == 1 && broken.stderr.contains("as written"), "{}", broken.stderr);
+    atsplat(here, &reconstruct(&file)).says(1, "as written");
     fs::write(here.join("weights.safetensors"), &bytes[..last]).unwrap();
-    let broken = atsplat(here, &reconstruct(&file));
-    assert!(broken.code == 1 && broken.stderr.contains("weights.safetensors"), "{}", broken.stderr);
+    atsplat(here, &reconstruct(&file)).says(1, "weights.safetensors");
     assert!(!here.join("scene.ply").exists());
 }
 
@@ -324,8 +319,7 @@ fn missing_weights_are_reported_with_advice() {
     let expected = "expected micro-rooms or micro-yards, embedded in the binary, or a weights file of this toolkit";
     assert!(typo.contains(expected) && typo.contains("(micro-room)") && !typo.contains("paper-re10k"), "{typo}");
     fs::write(here.join("text.safetensors"), "not weights").unwrap();
-    let outcome = atsplat(here, &reconstruct(&["--weights", "text.safetensors"]));
-    assert!(outcome.code == 1 && outcome.stderr.contains("torch.save"), "{}", outcome.stderr);
+    atsplat(here, &reconstruct(&["--weights", "text.safetensors"])).says(1, "torch.save");
     assert!(!here.join("scene.ply").exists() && !here.join("scene.ply.json").exists());
 }
 
@@ -340,8 +334,7 @@ fn photos_that_were_cropped_before_are_taken_on_request() {
     fs::write(here.join("mine.toml"), preset.replace("height = 256, width = 256", "height = 32, width = 48")).unwrap();
     let tiny = tiny();
     let args = untrained(tiny.to_str().unwrap(), &["--protocol", "mine.toml"]);
-    let rejected = atsplat(here, &args);
-    assert!(rejected.code == 1 && rejected.stderr.contains("640×360"), "{}", rejected.stderr);
+    atsplat(here, &args).says(1, "640×360");
     succeed(here, &[&args[..], &["--any-size"]].concat());
     assert_eq!(record(here)["input"]["protocol"], "mine.toml, images of any size");
 }
@@ -365,8 +358,7 @@ fn rejects_input_that_cannot_be_reconstructed() {
         (&["--views", "0,2", "--key", "other"], "other"),
         (&["--views", "0,2", "--backbone", "gone.pth"], "no DINOv2 backbone"),
     ] {
-        let outcome = atsplat(here, &[&start[..], more].concat());
-        assert!(outcome.code == 1 && outcome.stderr.contains(message), "{more:?}: {}", outcome.stderr);
+        atsplat(here, &[&start[..], more].concat()).says(1, message);
         assert!(!here.join("scene.ply").exists(), "{more:?}");
     }
 }
@@ -402,8 +394,7 @@ fn usage_errors_are_reported_before_anything_is_written() {
         assert_eq!(outcome.code, 2, "{more:?}: {}", outcome.stderr);
         assert!(!here.join("out").exists(), "{more:?}");
     }
-    let strict = atsplat(here, &[&start[..], &views, &weights, &["--strict"]].concat());
-    assert!(strict.code == 2 && strict.stderr.contains("unexpected argument '--strict'"), "{}", strict.stderr);
+    atsplat(here, &[&start[..], &views, &weights, &["--strict"]].concat()).says(2, "unexpected argument '--strict'");
 }
 
 /// Without targets only tokens are plotted; with targets, renders and uncertainty too. Untrained weights are labelled.
@@ -450,8 +441,7 @@ fn reconstructs_from_renders() {
     fs::remove_file(here.join("frames/000003.png")).unwrap();
     for (views, code) in [("..", 0), ("3,4", 1)] {
         let args = ["reconstruct", "frames", "--views", views, "--out", "c.ply"];
-        let outcome = atsplat(here, &[&args, &network[..]].concat());
-        assert!(outcome.code == code && outcome.stderr.contains("frames/000003.png"), "{views}: {}", outcome.stderr);
+        atsplat(here, &[&args, &network[..]].concat()).says(code, "frames/000003.png");
     }
 }
 

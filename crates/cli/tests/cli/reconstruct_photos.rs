@@ -44,9 +44,8 @@ fn photos_with_alpha_are_composited_over_the_background_if_asked() {
     assert_eq!(input(&["--alpha", "composite"]), (vec![0; 3], json!([0, 0, 0])));
     let colour = ["--alpha", "composite", "--background", "1,0.2,0"];
     assert_eq!(input(&colour), (vec![255, 51, 0], json!([255, 51, 0])));
-    let rejected = atsplat(here, &reconstruct(&["--background", "white"]));
     let expected = "--background requires --renders, --plots or --alpha composite";
-    assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    atsplat(here, &reconstruct(&["--background", "white"])).says(2, expected);
     succeed(here, &reconstruct(&["--background", "white", "--alpha", "composite"]));
 }
 
@@ -83,8 +82,8 @@ fn a_run_whose_later_outputs_fail_leaves_no_record_of_an_earlier_one() {
     let before = gaussians();
     fs::create_dir(here.join("renders")).unwrap();
     fs::write(here.join("renders/context"), "").unwrap();
-    let failed = atsplat(here, &[&first[..6], &["--views", "0,2", "--renders", "renders", "--out", "a.ply"]].concat());
-    assert!(failed.code == 1 && failed.stderr.contains("renders/context"), "{}: {}", failed.code, failed.stderr);
+    atsplat(here, &[&first[..6], &["--views", "0,2", "--renders", "renders", "--out", "a.ply"]].concat())
+        .says(1, "renders/context");
     assert!(gaussians() != before && !here.join("a.ply.json").exists());
 }
 
@@ -115,7 +114,6 @@ fn a_protocol_chooses_the_copy_of_photos_that_it_requires() {
     let network = ["--weights", "random:3", "--model", TINY, "--out", "scene.ply"];
     for (copy, more) in [("images_4/0.png", None), ("images_2/0.png", Some("--any-size"))] {
         let args = ["reconstruct", "data", "--views", "0,2", "--protocol", "mine.toml"];
-        let outcome = atsplat(here, &[&args, &network[..], more.as_slice()].concat());
-        assert!(outcome.code == 0 && outcome.stderr.contains(copy), "{copy}: {}", outcome.stderr);
+        atsplat(here, &[&args, &network[..], more.as_slice()].concat()).says(0, copy);
     }
 }

@@ -60,15 +60,9 @@ fn arguments_that_nothing_reads_are_usage_errors() {
             "--context-size requires --weights with a file",
         ),
     ] {
-        let rejected = atsplat(here, &[&args[..], more].concat());
-        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
+        atsplat(here, &[&args[..], more].concat()).says(2, expected);
     }
-    let rejected = atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat());
-    assert!(
-        rejected.code == 2 && rejected.stderr.contains("--weights is required: micro-rooms,"),
-        "{}",
-        rejected.stderr
-    );
+    atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat()).says(2, "--weights is required: micro-rooms,");
     assert!(!here.join("store").exists());
     succeed(here, &[&optimised[..], &["--max-gaussians", "300", "--background", "white", "--seed", "7"]].concat());
 }
@@ -80,18 +74,15 @@ fn weights_keep_their_configuration_and_training() {
     let here = folder.path();
     write_noise(here, 1);
     let network = [&RUN[..], &["--method", "atsplat", "--weights", "micro-rooms", "--model", "micro"]].concat();
-    let rejected = atsplat(here, &network);
-    assert!(rejected.code == 1 && rejected.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", rejected.stderr);
+    atsplat(here, &network).says(1, "anchors.depth.near: 0.1 and 0.5");
 
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
     let import = ["weights", "import", file, "--out", "copy.safetensors", "--precision", "f16"];
-    let rejected = atsplat(here, &[&import[..], &["--model", "micro"]].concat());
-    assert!(rejected.code == 1 && rejected.stderr.contains("is a file of this toolkit"), "{}", rejected.stderr);
+    atsplat(here, &[&import[..], &["--model", "micro"]].concat()).says(1, "is a file of this toolkit");
     let config = atsplat_model::weights::ModelWeights::read(file.as_ref()).unwrap();
     fs::write(here.join("same.toml"), toml::to_string(&config.config).unwrap()).unwrap();
     succeed(here, &[&import[..], &["--model", "same.toml"]].concat());
-    let rejected = atsplat(here, &["weights", "verify", file, "--model", "micro"]);
-    assert!(rejected.code == 1 && rejected.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", rejected.stderr);
+    atsplat(here, &["weights", "verify", file, "--model", "micro"]).says(1, "anchors.depth.near: 0.1 and 0.5");
     succeed(here, &["weights", "verify", "copy.safetensors", "--model", "same.toml"]);
     let copy = atsplat_model::weights::ModelWeights::read(&here.join("copy.safetensors")).unwrap();
     assert!(copy.config == config.config && copy.tensors.digest() == config.tensors.digest());
@@ -113,12 +104,11 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
     let extrapolate = ["protocol", "extrapolate", "index.json", "--data", "data", "--out"];
     let rejected = atsplat(here, &[&extrapolate[..], &["wide.json", "--margin", "30"]].concat());
     let advice = "nothing was written; --margin takes fewer targets on each side; --clip keeps windows with those that the scene has";
-    assert!(rejected.code == 1 && rejected.stderr.contains("no window has room"), "{}", rejected.stderr);
+    rejected.says(1, "no window has room");
     assert!(rejected.stderr.contains(advice) && !rejected.stderr.contains("--keep-windows"), "{}", rejected.stderr);
     assert!(!here.join("wide.json").exists());
     succeed(here, &[&extrapolate[..], &["clipped.json", "--margin", "30", "--clip"]].concat());
-    let rejected = atsplat(here, &[&extrapolate[..], &["./index.json"]].concat());
-    assert!(rejected.code == 1 && rejected.stderr.contains("would overwrite the input index"), "{}", rejected.stderr);
+    atsplat(here, &[&extrapolate[..], &["./index.json"]].concat()).says(1, "would overwrite the input index");
     assert_eq!(fs::read_to_string(here.join("index.json")).unwrap(), index);
     succeed(here, &[&extrapolate[..], &["near.json"]].concat());
 }
@@ -126,8 +116,7 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
 #[test]
 fn a_report_of_no_store_creates_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let rejected = atsplat(folder.path(), &["report", "nowhere", "--out", "page"]);
-    assert!(rejected.code == 1 && rejected.stderr.contains("reading nowhere: "), "{}", rejected.stderr);
+    atsplat(folder.path(), &["report", "nowhere", "--out", "page"]).says(1, "reading nowhere: ");
     assert!(!folder.path().join("page").exists());
 }
 
@@ -145,8 +134,7 @@ fn a_failure_leaves_no_folder_behind() {
         "data simulate out/a --route nowhere",
         "weights import nowhere.pth --model nano --out out/a/b.safetensors",
     ] {
-        let failed = atsplat(here, &args.split(' ').collect::<Vec<_>>());
-        assert!(failed.code == 1 && failed.stderr.contains("nowhere"), "{args}: {}", failed.stderr);
+        atsplat(here, &args.split(' ').collect::<Vec<_>>()).says(1, "nowhere");
         let left: Vec<_> = fs::read_dir(here).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(left, ["there"], "{args}");
     }
@@ -170,17 +158,14 @@ fn strict_finds_failed_rows_and_empty_renders() {
     let report = |store: &str, more: &[&str]| atsplat(here, &[&["report", store, "--out", "page"], more].concat());
     write("scene-00.ply");
     assert_eq!(score("failing").code, 4);
-    let strict = report("failing", &["--strict"]);
-    let expected = "failing: tiny: 1 trial of behind is incomplete: scene-01 failed:";
-    assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
+    report("failing", &["--strict"]).says(4, "failing: tiny: 1 trial of behind is incomplete: scene-01 failed:");
     assert_eq!(report("failing", &[]).code, 0);
 
     write("scene-01.ply");
     let empty = score("empty");
     assert!(empty.code == 4 && empty.stdout.contains("2 without a Gaussian in any target"), "{}", empty.stdout);
-    let strict = report("empty", &["--strict"]);
     let expected = "empty: tiny: 2 trials of behind render no Gaussian in any target: scene scene-00, entry 0";
-    assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
+    report("empty", &["--strict"]).says(4, expected);
     let table = fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
     for expected in
         ["no Gaussian is rendered in 2 of 2 trials", "broken Gaussians were repaired or not drawn in 2 of 2 trials"]
@@ -210,9 +195,8 @@ fn gaussians_of_a_listed_method_are_not_drawn_with_other_settings_in_silence() {
     let unchosen = score("store", &[]);
     assert!(unchosen.code == 0 && unchosen.stdout.contains(warning), "{}", unchosen.stdout);
     assert!(!results("store").trials[0].renders_nothing());
-    let other = score("store", &["--setting", "DepthSplat"]);
     let said = "methods depthsplat of the two runs differ: parameters.setting: none and DepthSplat";
-    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+    score("store", &["--setting", "DepthSplat"]).says(1, said);
     let chosen = score("chosen", &["--setting", "DepthSplat"]);
     assert!(chosen.code == 0 && !chosen.stdout.contains(warning), "{}", chosen.stdout);
     assert!(results("chosen").trials[0].renders_nothing());
@@ -222,8 +206,7 @@ fn gaussians_of_a_listed_method_are_not_drawn_with_other_settings_in_silence() {
     let kept = score("kept", &["--setting", "ATSplat"]);
     assert!(kept.code == 0 && !kept.stdout.contains(warning), "{}", kept.stdout);
     assert_eq!(bare(&results("kept")), bare(&results("store")));
-    let misspelt = score("misspelt", &["--setting", "DepthSplt"]);
-    assert!(misspelt.code == 1 && misspelt.stderr.contains("\"DepthSplt\""), "{}", misspelt.stderr);
+    score("misspelt", &["--setting", "DepthSplt"]).says(1, "\"DepthSplt\"");
     let elsewhere = score("elsewhere", &["--setting", "NoPoSplat"]);
     assert!(elsewhere.stdout.contains("depthsplat names NoPoSplat"), "{}", elsewhere.stdout);
 }
@@ -247,7 +230,7 @@ fn a_damaged_table_is_an_error_without_a_report_of_the_panic() {
     assert!(stated.as_object_mut().unwrap().remove("tables-sha256").is_some());
     fs::write(&records, stated.to_string()).unwrap();
     let refused = atsplat(here, &["report", "store", "--out", "page"]);
-    assert!(refused.code == 1 && refused.stderr.contains("found damaged data: "), "{}", refused.stderr);
+    refused.says(1, "found damaged data: ");
     assert!(!refused.stderr.contains("panicked"), "{}", refused.stderr);
 }
 
@@ -266,12 +249,7 @@ fn an_unfinished_run_is_no_baseline() {
     results.targets.retain(|row| row.key != last.key);
     results.write(&here.join("killed")).unwrap();
     let accept = ["drift", "accept", "killed", "--baseline", "baseline.json", "--why", "first", "--no-probe"];
-    let rejected = atsplat(here, &accept);
-    assert!(
-        rejected.code == 1 && rejected.stderr.contains("is not done: 2 of 3 entries of tiny under nearest-view"),
-        "{}",
-        rejected.stderr
-    );
+    atsplat(here, &accept).says(1, "is not done: 2 of 3 entries of tiny under nearest-view");
     assert!(!here.join("baseline.json").exists());
     succeed(here, &["drift", "accept", "store", "--baseline", "baseline.json", "--why", "first", "--no-probe"]);
 }

@@ -168,9 +168,7 @@ fn a_failed_frame_is_counted_and_the_others_are_written() {
     assert!(made["views"][1]["fault"].as_str().unwrap().contains("the limit is"), "{made}");
     assert!(here.join("out/000002.png").exists() && !here.join("out/000001.png").exists());
     fs::write(here.join("views"), json!({ "views": [view(1, largest)] }).to_string()).unwrap();
-    let outcome = atsplat(here, &args[..args.len() - 1]);
-    assert_eq!(outcome.code, 1, "nothing was rendered");
-    assert!(outcome.stderr.contains("no frame could be rendered"), "{}", outcome.stderr);
+    atsplat(here, &args[..args.len() - 1]).says(1, "no frame could be rendered");
     assert_eq!(record(&here.join("out")), made, "the record of images that were not replaced");
 }
 
@@ -187,7 +185,7 @@ fn an_interrupted_render_leaves_no_record_of_earlier_images() {
     let second = atsplat(here, &again);
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(second.code == 1 && second.stderr.contains("out is being written by process "), "{}", second.stderr);
+    second.says(1, "out is being written by process ");
     assert!(here.join("out/000003.png").exists() && !here.join("out/render.json").exists());
     let fit = ["fit", "out", "--views", "..", "--strategy", "fixed", "--steps", "1", "--out", "fitted.ply"];
     assert_eq!(atsplat(here, &fit).code, 1, "images without cameras");
@@ -247,8 +245,7 @@ fn renders_on_the_chosen_adapter_or_not_at_all() {
     assert!(!here.join("gpu").exists());
 
     if adapters().is_empty() {
-        let outcome = atsplat(here, &on_adapter);
-        assert!(outcome.code == 1 && outcome.stderr.contains("found none"), "{}", outcome.stderr);
+        atsplat(here, &on_adapter).says(1, "found none");
         return skip_without_graphics("cli render", "none listed");
     }
     succeed(here, &on_adapter);

@@ -23,9 +23,8 @@ fn a_record_is_a_camera_file_that_gives_identical_images() {
     let along = ["render", "scene.ply", "--spline", "second/render.json", "3", "--frames", "0", "--out", "third"];
     let one = atsplat(here, &along);
     let keyed = ["render", "scene.ply", "--cameras", "first/render.json", "--key", "garden", "--out", "third"];
-    let keyed = atsplat(here, &keyed);
-    assert!(keyed.code == 2 && keyed.stderr.contains("--key requires a dataset"), "{}", keyed.stderr);
-    assert!(one.code == 1 && one.stderr.contains("error: --spline second/render.json: "), "{}", one.stderr);
+    atsplat(here, &keyed).says(2, "--key requires a dataset");
+    one.says(1, "error: --spline second/render.json: ");
     for name in ["000001.png", "000003.png"] {
         assert_eq!(first[name], second[name], "{name}");
     }
@@ -89,13 +88,10 @@ fn reads_a_camera_path_of_nerfstudios_viewer() {
     Tolerance::F64.assert(pose, expected, "right, down and forward axes");
     let focal = ["fx", "fy"].map(|axis| view["intrinsics"][axis].as_f64().unwrap());
     Tolerance::F64.assert(focal, [0.25, 0.5], "a vertical field of view of 90°");
-    let both = render(&["--fov", "60"]);
-    assert!(both.code == 1 && both.stderr.contains("--fov conflicts with orbit.json"), "{}", both.stderr);
+    render(&["--fov", "60"]).says(1, "--fov conflicts with orbit.json");
     path["camera_type"] = json!("fisheye");
     fs::write(here.join("orbit.json"), path.to_string()).unwrap();
-    let fisheye = render(&[]);
-    let message = "camera_type: camera model fisheye is not supported";
-    assert!(fisheye.code == 1 && fisheye.stderr.contains(message), "{}", fisheye.stderr);
+    render(&[]).says(1, "camera_type: camera model fisheye is not supported");
 }
 
 /// Of 101 evenly timed cameras three, of which the first two are adjacent: the middle in time is at camera 50.
@@ -141,7 +137,7 @@ fn a_path_follows_the_times_of_its_cameras() {
     for file in ["given/render.json", "numbered.txt"] {
         let rejected = render("none", &["--spline", file, "--spacing", "time"]);
         let message = format!("--spacing time: {file} records no times of its cameras");
-        assert!(rejected.code == 1 && rejected.stderr.contains(&message), "{}", rejected.stderr);
+        rejected.says(1, &message);
         assert!(rejected.stderr.contains("--spacing even"), "{}", rejected.stderr);
         assert_eq!(render("fine", &["--spline", file, "4", "--spacing", "even"]).code, 0, "{file}");
     }
@@ -182,9 +178,8 @@ fn bare_poses_use_the_requested_lens() {
         (&["--fov", "90"], "the image size with --size"),
         (&["--size", "40x30"], "the field of view with --fov"),
     ] {
-        let outcome = render("poses.json", more);
         let message = format!("poses.json contains camera matrices without intrinsics: set {missing}\n");
-        assert!(outcome.code == 1 && outcome.stderr.contains(&message), "{more:?}: {}", outcome.stderr);
+        render("poses.json", more).says(1, &message);
     }
     assert_eq!(render("poses.json", &["--fov", "90", "--size", "40x30"]).code, 0);
     assert_eq!(render("record.json", &[]).code, 0);
@@ -197,9 +192,8 @@ fn bare_poses_use_the_requested_lens() {
         }
     }
     assert_ne!(image("record/000000.exr"), image("record/000001.exr"), "two views");
-    let outcome = render("record.json", &["--fov", "90"]);
     let message = "--fov conflicts with record.json, which states the intrinsics of its cameras: leave out --fov";
-    assert!(outcome.code == 1 && outcome.stderr.contains(message), "{}", outcome.stderr);
+    render("record.json", &["--fov", "90"]).says(1, message);
     let outcome = render("nowhere.json", &["--fov", "90", "--size", "40x30"]);
     assert!(outcome.code == 1 && !outcome.stderr.contains("intrinsics"), "{}", outcome.stderr);
 }
@@ -217,7 +211,7 @@ fn errors_name_unsupported_camera_formats() {
     ] {
         fs::write(here.join("odd.json"), text).unwrap();
         let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "odd.json", "--out", "out"]);
-        assert!(outcome.code == 1 && outcome.stderr.contains(message), "{text}: {}", outcome.stderr);
+        outcome.says(1, message);
         assert!(outcome.stderr.contains("odd.json"), "{}", outcome.stderr);
     }
 }
@@ -230,20 +224,15 @@ fn an_empty_scene_renders_as_background() {
     fs::write(here.join("empty.ply"), &empty).unwrap();
     let args =
         ["render", "empty.ply", "--cameras", "path.txt", "--frames", "3", "--size", "4x3", "--background", "0,1,0.2"];
-    let outcome = atsplat(here, &[&args[..], &["--out", "out"]].concat());
-    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    assert!(outcome.stderr.contains("no Gaussian is left"), "{}", outcome.stderr);
+    atsplat(here, &[&args[..], &["--out", "out"]].concat()).says(0, "no Gaussian is left");
     let image = decode(&fs::read(here.join("out/000003.png")).unwrap(), &DecodeLimits::default()).unwrap();
     assert_eq!(image.samples(), [0, 255, 51].repeat(12));
-    let outcome = atsplat(here, &["render", "empty.ply", "--orbit", "--out", "out"]);
-    assert_eq!(outcome.code, 1);
-    assert!(outcome.stderr.contains("no visible Gaussian"), "{}", outcome.stderr);
+    atsplat(here, &["render", "empty.ply", "--orbit", "--out", "out"]).says(1, "no visible Gaussian");
     let only_nan = empty.replace("vertex 0", "vertex 1") + SCENE.lines().next_back().unwrap() + "\n";
     fs::write(here.join("nan.ply"), only_nan).unwrap();
     for scene in ["empty.ply", "nan.ply"] {
         let args = ["render", scene, "--cameras", "path.txt", "--size", "4x3", "--out", "strict", "--strict"];
-        let outcome = atsplat(here, &args);
-        assert!(outcome.code == 4 && outcome.stderr.contains("no Gaussian is left"), "{scene}: {}", outcome.stderr);
+        atsplat(here, &args).says(4, "no Gaussian is left");
     }
     let outcome = atsplat(here, &["render", "nan.ply", "--orbit", "--out", "out"]);
     assert!(outcome.stderr.contains("1 removed, 0 repaired; 1  means: not-a-number"), "{}", outcome.stderr);
@@ -256,9 +245,8 @@ fn what_is_in_the_place_of_the_output_folder_is_named() {
     let here = folder.path();
     std::os::unix::fs::symlink("gone", here.join("link")).unwrap();
     for (out, found) in [("scene.ply", "the file scene.ply"), ("link/below", "the broken symbolic link link to gone")] {
-        let refused = atsplat(here, &["render", "scene.ply", "--orbit", "2", "--size", "8x6", "--out", out]);
         let message = format!("error: creating the folder {out}: expected a folder, found {found}");
-        assert!(refused.code == 1 && refused.stderr.contains(&message), "{}", refused.stderr);
+        atsplat(here, &["render", "scene.ply", "--orbit", "2", "--size", "8x6", "--out", out]).says(1, &message);
     }
     assert!(fs::read_to_string(here.join("scene.ply")).unwrap() == SCENE && !here.join("gone").exists());
 }
@@ -306,8 +294,7 @@ fn usage_errors_are_reported_before_anything_is_written() {
         assert_eq!(outcome.code, 2, "{more:?}: {}", outcome.stderr);
         assert!(!here.join("out").exists(), "{more:?}");
     }
-    let swallowed = atsplat(here, &["render", "--out", "out", "--orbit", "scene.ply"]);
-    assert!(swallowed.code == 2 && swallowed.stderr.contains("comes before"), "{}", swallowed.stderr);
+    atsplat(here, &["render", "--out", "out", "--orbit", "scene.ply"]).says(2, "comes before");
     let help = succeed(here, &["render", "--help"]);
     assert!(help.find("<SCENE>").unwrap() < help.find("--orbit").unwrap(), "{help}");
     assert!(help.contains("on a circle around the scene; 60 by default"), "{help}");
@@ -323,8 +310,7 @@ fn a_record_never_replaces_its_camera_file() {
     for args in [["--cameras", "out/render.json"], ["--spline", "out/../out/render.json"]] {
         let outcome =
             atsplat(here, &[&["render", "scene.ply"], &args[..], &["--frames", "0", "--out", "out"]].concat());
-        assert_eq!(outcome.code, 1, "{}", outcome.stderr);
-        assert!(outcome.stderr.contains("would overwrite the input cameras"), "{}", outcome.stderr);
+        outcome.says(1, "would overwrite the input cameras");
         assert_eq!(contents(&here.join("out")), before);
     }
 }
@@ -394,11 +380,9 @@ fn errors_name_unreadable_and_unwritable_files() {
         (&["scene.ply", "--cameras", "path.txt", "--frames", "12", "--out", "out"], "positions below 12"),
     ];
     for (args, expected) in cases {
-        let outcome = atsplat(here, &[&["render"], args].concat());
-        assert_eq!(outcome.code, 1, "{args:?}: {}", outcome.stderr);
-        assert!(outcome.stderr.contains(expected), "{args:?}: {}", outcome.stderr);
+        atsplat(here, &[&["render"], args].concat()).says(1, expected);
     }
-    let planes = atsplat(here, &["render", "scene.ply", "--orbit", "--near", "5", "--far", "4", "--out", "out"]);
-    assert!(planes.code == 2 && planes.stderr.contains("--near, --far: expected a near plane"), "{}", planes.stderr);
+    atsplat(here, &["render", "scene.ply", "--orbit", "--near", "5", "--far", "4", "--out", "out"])
+        .says(2, "--near, --far: expected a near plane");
     assert!(!here.join("out").exists(), "a record belongs to images that were written, and a folder to its files");
 }

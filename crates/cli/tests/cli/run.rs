@@ -60,8 +60,8 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
 
     // The ground-truth images, as written by any other method.
     let truth = "floors/images/tiny/truth";
-    let unnamed = atsplat(here, &["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--out", "oracle"]);
-    assert!(unnamed.code == 1 && unnamed.stderr.contains("--name that of score"), "{}", unnamed.stderr);
+    atsplat(here, &["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--out", "oracle"])
+        .says(1, "--name that of score");
     let score =
         ["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--name", "oracle", "--out", "oracle"];
     let message = succeed(here, &[&score[..], &["--strict"]].concat());
@@ -128,9 +128,7 @@ fn expansion_is_measured_over_scenes() {
     let several: serde_json::Value = serde_json::from_str(&several).unwrap();
     assert_eq!(several.as_array().unwrap().len(), 2, "{several}");
     std::fs::remove_file(here.join("data/test/rooms-test-00000004.txt")).unwrap();
-    let absent = atsplat(here, &one);
-    let expected = "1 × scenes of the index that are not in the data\n    rooms-test-00000004\n";
-    assert!(absent.code == 4 && absent.stderr.contains(expected), "{}", absent.stderr);
+    atsplat(here, &one).says(4, "1 × scenes of the index that are not in the data\n    rooms-test-00000004\n");
 }
 
 /// Noise of σ 0.05 far from black and white: 20 · log10(1 / 0.05) dB.
@@ -212,15 +210,12 @@ fn gaussians_of_mip_splatting_are_warned_of_and_drawn_as_chosen() {
         let args = ["score", "tiny.toml", "--data", "data/test", "--ply", "ply", "--out", out];
         atsplat(here, &[&args[..], more].concat())
     };
-    let unchosen = score("store", &[]);
-    let warning = "warning: tiny: 1 × drawn in the classic mode, in trials of ply\n";
-    assert!(unchosen.code == 0 && unchosen.stderr.contains(warning), "{}", unchosen.stderr);
+    score("store", &[]).says(0, "warning: tiny: 1 × drawn in the classic mode, in trials of ply\n");
     succeed(here, &["report", "store", "--out", "page", "--format", "markdown"]);
     let table = std::fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
     assert!(table.contains("were drawn in the classic mode in 1 of 1 trials"), "{table}");
-    let other = score("store", &["--mode", "antialiased"]);
     let said = "methods ply of the two runs differ: parameters.mode: none and antialiased";
-    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+    score("store", &["--mode", "antialiased"]).says(1, said);
     let chosen = score("chosen", &["--mode", "antialiased"]);
     assert!(chosen.code == 0 && !chosen.stderr.contains("classic mode"), "{}", chosen.stderr);
     let record = Results::read(&here.join("chosen")).unwrap().provenance.methods.remove(0);
@@ -243,13 +238,11 @@ fn merges_shards_and_reports_missing_ones() {
     for (shard, data) in [("1/3", "data/test"), ("2/3", "./data/test/"), ("3/3", absolute.as_str())] {
         run(&format!("part-{}", &shard[..1]), data, &["--shard", shard]);
     }
-    let missing = atsplat(here, &["merge", "part-1", "part-3", "--out", "merged"]);
-    assert!(missing.code == 1 && missing.stderr.contains("shard 2 is missing"), "{}", missing.stderr);
+    atsplat(here, &["merge", "part-1", "part-3", "--out", "merged"]).says(1, "shard 2 is missing");
     succeed(here, &["merge", "part-1", "part-3", "part-2", "--out", "merged"]);
     assert_eq!(bare(&Results::read(&here.join("merged")).unwrap()), bare(&whole));
-    let twice = atsplat(here, &["merge", "part-1", "part-2", "part-3", "--out", "merged"]);
     let why = "merged: expected a folder without results, found results; choose another folder";
-    assert!(twice.code == 1 && twice.stderr.contains(why), "{}", twice.stderr);
+    atsplat(here, &["merge", "part-1", "part-2", "part-3", "--out", "merged"]).says(1, why);
     assert_eq!(atsplat(here, &["run", "tiny.toml", "--data", "data/test", "--out", "x", "--shard", "4/3"]).code, 2);
 }
 
@@ -261,11 +254,9 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     let run = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
     let message = succeed(here, &run);
     assert!(message.contains("no times of warp: no timing pass was made"), "{message}");
-    let empty = atsplat(here, &["tradeoff", "store"]);
     let why = "warning: every frontier is empty: no setting has a cost; against seconds, warp: no timing pass was made";
-    assert!(empty.code == 0 && empty.stderr.contains(why), "{}: {}", empty.code, empty.stderr);
-    let rejected = atsplat(here, &[&run[..], &["--repetitions", "7"]].concat());
-    assert!(rejected.code == 2 && rejected.stderr.contains("--timing"), "{}", rejected.stderr);
+    atsplat(here, &["tradeoff", "store"]).says(0, why);
+    atsplat(here, &[&run[..], &["--repetitions", "7"]].concat()).says(2, "--timing");
     assert_eq!(atsplat(here, &[&run[..], &["--timing", "--repetitions", "4"]].concat()).code, 2, "five at the least");
     let json = succeed(here, &[&run[..], &["--timing", "--repetitions", "7", "--json"]].concat());
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
@@ -279,12 +270,10 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     assert!(times["repetitions"].as_u64().unwrap() >= 7 && render["median"].as_f64().unwrap() > 0.0, "{times}");
     assert!(times["busy"].is_boolean() && render["mad"].is_number() && times["machine"]["threads"].is_u64(), "{times}");
     let table = succeed(here, &["tradeoff", "store"]);
-    let rejected = atsplat(here, &["reproduce", "--out", "report", "--curve", "store"]);
     let expected = "--curve: expected trials that were optimised with several budgets, and timed; found none";
-    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
-    let twice = atsplat(here, &["reproduce", "--out", "report", "--curve", "store", "--curve", "./store"]);
+    atsplat(here, &["reproduce", "--out", "report", "--curve", "store"]).says(1, expected);
     let expected = "./store is the same store as store: name each store once";
-    assert!(twice.code == 2 && twice.stderr.contains(expected), "{}: {}", twice.code, twice.stderr);
+    atsplat(here, &["reproduce", "--out", "report", "--curve", "store", "--curve", "./store"]).says(2, expected);
     assert!(!here.join("report").exists(), "nothing was run");
     assert!(table.contains("Timed on") && !table.contains("skipped: no timing"), "{table}");
     assert!(!atsplat(here, &["tradeoff", "store"]).stderr.contains("frontier is empty"), "it has times");
@@ -297,21 +286,16 @@ fn errors_are_reported_before_the_work_starts() {
     simulated(here, 1);
     let run = |args: &[&str]| atsplat(here, &[&["run", "tiny.toml", "--data", "data/test"], args].concat());
     std::fs::write(here.join("file"), b"").unwrap();
-    let unwritable = run(&[&["--out", "file/store"], &FLOORS[..]].concat());
-    assert!(unwritable.code == 1 && unwritable.stderr.contains("file/store"), "{}", unwritable.stderr);
-    let unweighed = run(&["--out", "store", "--method", "atsplat"]);
-    assert!(unweighed.code == 2 && unweighed.stderr.contains("random:SEED"), "{}", unweighed.stderr);
-    let nowhere = run(&["--out", "store", "--method", "renders:nowhere"]);
-    assert!(nowhere.code == 1 && nowhere.stderr.contains("nowhere"), "{}", nowhere.stderr);
-    let metric = run(&[&["--out", "store", "--metrics", "psnrs"], &FLOORS[..]].concat());
-    assert!(metric.code == 2 && metric.stderr.contains("psnr-unclipped"), "{}", metric.stderr);
-    let idle = run(&["--out", "store", "--method", "3dgs:2", "--effects", "all", "--tolerance", "0.1"]);
-    assert!(idle.code == 2 && idle.stderr.contains("--tolerance requires --effects auto"), "{}", idle.stderr);
+    run(&[&["--out", "file/store"], &FLOORS[..]].concat()).says(1, "file/store");
+    run(&["--out", "store", "--method", "atsplat"]).says(2, "random:SEED");
+    run(&["--out", "store", "--method", "renders:nowhere"]).says(1, "nowhere");
+    run(&[&["--out", "store", "--metrics", "psnrs"], &FLOORS[..]].concat()).says(2, "psnr-unclipped");
+    run(&["--out", "store", "--method", "3dgs:2", "--effects", "all", "--tolerance", "0.1"])
+        .says(2, "--tolerance requires --effects auto");
     assert_eq!(run(&["--out", "store", "--method", "guess"]).code, 2);
     assert_eq!(run(&["--out", "store"]).code, 2, "a method is needed");
     std::fs::remove_file(here.join("data/test/evaluation_index.json")).unwrap();
-    let unindexed = run(&[&["--out", "store"], &FLOORS[..]].concat());
-    assert!(unindexed.code == 1 && unindexed.stderr.contains("the file of pixelsplat-re10k"), "{}", unindexed.stderr);
+    run(&[&["--out", "store"], &FLOORS[..]].concat()).says(1, "the file of pixelsplat-re10k");
     let photos = ["run", "photos-3v-256", "--data", "data/test", "--out", "store", "--method", "warp"];
     let photos = atsplat(here, &photos).stderr;
     assert!(photos.contains("give an index (--index)") && photos.contains("(--sampler photos-3v)"), "{photos}");
@@ -325,15 +309,13 @@ fn a_store_of_a_newer_version_or_other_settings_is_not_resumed() {
     simulated(here, 1);
     let args = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
     succeed(here, &[&args[..], &["--metrics", "l1"]].concat());
-    let other = atsplat(here, &args);
     let said = "metrics of the two runs differ: l1: then computed, now not requested; request the metrics";
-    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+    atsplat(here, &args).says(1, said);
     let path = here.join("store/provenance.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let written = format!("\"schema-version\": {}", atsplat_results::store::SCHEMA_VERSION);
     std::fs::write(&path, text.replace(&written, "\"schema-version\": 99")).unwrap();
-    let newer = atsplat(here, &args);
-    assert!(newer.code == 1 && newer.stderr.contains("a newer atsplat is needed"), "{}", newer.stderr);
+    atsplat(here, &args).says(1, "a newer atsplat is needed");
 }
 
 /// The second and third command of whoever scores: more scenes, and a metric that was not requested, for one method of two.
@@ -354,9 +336,8 @@ fn a_store_gets_the_scenes_that_a_limit_left_out_and_further_metrics() {
     let first = expect(run("store", &["--method", both, "--limit", "2"]), "4 results computed");
     let note = "note: lpips will not be computed: weights absent: LPIPS (VGG) needs vgg16-397923af.pth; get it from ";
     assert!(first.stderr.contains(note), "{}", first.stderr);
-    let uneven = run("store", &["--method", both, "--limit", "3"]);
     let said = "limits of the two runs differ: then 2 scenes, now 3 scenes; ";
-    assert!(uneven.code == 1 && uneven.stderr.contains(said), "{}", uneven.stderr);
+    run("store", &["--method", both, "--limit", "3"]).says(1, said);
     expect(run("store", &["--method", both]), "6 results computed; 4 were there before");
     let added = run("store", &["--method", "warp", "--metrics", "l1"]);
     let lacking = "10 targets of nearest-view not in the mean of L1: scene ";

@@ -100,12 +100,11 @@ fn a_merge_that_is_repeated_finds_its_store() {
     let before = files();
     let again = atsplat(here, &merge);
     let said = "note: merged has exactly these results already: nothing was left to do";
-    assert!(again.code == 0 && again.stderr.contains(said), "{}", again.stderr);
+    again.says(0, said);
     assert!(again.stdout == first.stdout && files() == before && !mark.exists());
     for others in [&["two", "one"][..], &["one", "--partial"]] {
-        let other = atsplat(here, &[&["merge"], others, &["--out", "merged"]].concat());
         let expected = "merged: expected a folder without results, found results; choose another folder";
-        assert!(other.code == 1 && other.stderr.contains(expected), "{}", other.stderr);
+        atsplat(here, &[&["merge"], others, &["--out", "merged"]].concat()).says(1, expected);
     }
     assert!(files() == before);
 }
@@ -209,19 +208,10 @@ fn a_part_that_is_not_done_is_named_and_not_merged() {
     assert!(rejected.stderr.contains(named) && !here.join("merged").exists(), "{}", rejected.stderr);
     let both = atsplat(here, &["merge", "one", "killed", "--out", "merged"]);
     assert!(both.stderr.contains("shard 3 is missing; shard 2"), "{}", both.stderr);
-    let partial = atsplat(here, &[&merge[..], &["--partial", "--strict"]].concat());
-    assert!(
-        partial.code == 4 && partial.stderr.contains("the results are partial: shard 2 of 3"),
-        "{}",
-        partial.stderr
-    );
+    atsplat(here, &[&merge[..], &["--partial", "--strict"]].concat()).says(4, "the results are partial: shard 2 of 3");
     assert!(Results::read(&here.join("merged")).unwrap().provenance.shard.is_some(), "marked as partial");
     let report = atsplat(here, &["report", "merged", "one", "--out", "page", "--strict"]);
-    assert!(
-        report.code == 4 && report.stderr.contains("one: tiny: 2 shards of the run are missing"),
-        "{}",
-        report.stderr
-    );
+    report.says(4, "one: tiny: 2 shards of the run are missing");
     assert!(!report.stderr.contains("0 shards"), "{}", report.stderr);
     let accepted = atsplat(here, &["drift", "accept", "one", "--baseline", "b.json", "--why", "first"]);
     assert!(accepted.stdout.contains("warning: a part of the run, shard 1 of 3"), "{}", accepted.stdout);

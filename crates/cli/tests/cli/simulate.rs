@@ -17,9 +17,7 @@ fn simulated_scenes_are_readable_in_every_layout() {
         let found: serde_json::Value = serde_json::from_str(&found).unwrap();
         assert_eq!((&found["scenes"]["read"], &found["frames"]), (&2.into(), &6.into()), "{layout}: {found}");
     }
-    let again = atsplat(here, &["data", "simulate", "re10k", "--scenes", "1"]);
-    assert_eq!(again.code, 1);
-    assert!(again.stderr.contains("not empty"), "{}", again.stderr);
+    atsplat(here, &["data", "simulate", "re10k", "--scenes", "1"]).says(1, "not empty");
     assert_eq!(atsplat(here, &["data", "simulate", "new", "--effects", "fog"]).code, 2);
     assert!(!here.join("new").exists(), "usage errors create no folder");
 }
@@ -35,18 +33,15 @@ fn a_folder_has_one_simulation_and_tells_if_that_did_not_end() {
     let second = atsplat(here, &many);
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(second.code == 1 && second.stderr.contains("out is being written by process "), "{}", second.stderr);
+    second.says(1, "out is being written by process ");
     assert!(!here.join("out/manifest.json").exists());
-    let again = atsplat(here, &many);
     let message = "out is not empty: a simulation of 4000 scenes into it did not end (planned.json lists them); remove the folder";
-    assert!(again.code == 1 && again.stderr.contains(message), "{}", again.stderr);
+    atsplat(here, &many).says(1, message);
     std::fs::remove_dir_all(here.join("out")).unwrap();
     let one = [&simulate[..], &["1"]].concat();
     succeed(here, &one);
     assert!(here.join("out/manifest.json").is_file() && !here.join("out/planned.json").exists());
-    let again = atsplat(here, &one);
-    let message = "out is not empty; choose a new or empty folder, or remove this one";
-    assert!(again.code == 1 && again.stderr.contains(message), "{}", again.stderr);
+    atsplat(here, &one).says(1, "out is not empty; choose a new or empty folder, or remove this one");
     let failed = atsplat(here, &["data", "simulate", "new", "--route", "nowhere"]);
     assert!(failed.code == 1 && !here.join("new").exists(), "{}", failed.stderr);
 }
@@ -101,7 +96,7 @@ fn a_layout_without_lenses_leaves_lens_distortion_out_or_rejects_it() {
     for (route, warning) in [("repeated", "duplicate-timestamp"), ("bent", "lens-distortion")] {
         let data = format!("{route}.txt");
         let outcome = simulate(route, "chunks", &["--effects", "none", "--scenes", "3..4", "--route", &data]);
-        assert!(outcome.code == 0 && outcome.stderr.contains(warning), "{route}: {}", outcome.stderr);
+        outcome.says(0, warning);
         assert!(!outcome.stderr.contains("note: lens distortion"), "{route}: {}", outcome.stderr);
     }
     let yards = ["--kind", "yards", "--frames", "2", "--scenes", "4"];
@@ -117,11 +112,10 @@ fn a_layout_without_lenses_leaves_lens_distortion_out_or_rejects_it() {
         assert!(inspected.contains(lenses), "{inspected}");
     }
     for effects in ["all", "motion-blur,lens-distortion"] {
-        let rejected = simulate("bent-re10k", "re10k", &["--effects", effects]);
         let said = format!(
             "--effects {effects}: lens-distortion requires a layout that stores it: --layout nerfstudio (found --layout re10k)"
         );
-        assert!(rejected.code == 2 && rejected.stderr.contains(&said), "{}", rejected.stderr);
+        simulate("bent-re10k", "re10k", &["--effects", effects]).says(2, &said);
     }
     assert!(!here.join("bent-re10k").exists(), "usage errors create no folder");
 }
@@ -157,9 +151,7 @@ fn a_route_of_several_scenes_is_chosen_by_its_own_option() {
     write_trajectory(&here.join("routes/a.txt"), 3);
     write_trajectory(&here.join("routes/b.txt"), 2);
     let args = ["data", "simulate", "out", "--scenes", "1", "--size", "24x16", "--samples", "1", "--route", "routes"];
-    let outcome = atsplat(here, &args);
-    let said = "routes contains 2 scenes (a, b …): choose one with --route-key\n";
-    assert!(outcome.code == 1 && outcome.stderr.contains(said), "{}", outcome.stderr);
+    atsplat(here, &args).says(1, "routes contains 2 scenes (a, b …): choose one with --route-key\n");
     let message = succeed(here, &[&args[..], &["--route-key", "b"]].concat());
     assert!(message.contains("1 scene, 2 frames"), "{message}");
 }

@@ -46,16 +46,12 @@ fn lists_names_and_rejects_unknown_ones() {
     let listed = succeed(folder.path(), &["stress", "--list", "--json", "--case", "needle-end-on"]);
     let listed: serde_json::Value = serde_json::from_str(&listed).unwrap();
     assert_eq!(listed["cases"][0]["name"], "needle-end-on", "{listed}");
-    let outcome = atsplat(folder.path(), &["stress", "--case", "kittens"]);
-    assert!(outcome.code == 2 && outcome.stderr.contains("--list"), "{}", outcome.stderr);
-    let outcome = atsplat(folder.path(), &["stress", "--renderer", "abacus"]);
-    assert!(outcome.code == 2 && outcome.stderr.contains("reference; cpu, portable"), "{}", outcome.stderr);
+    atsplat(folder.path(), &["stress", "--case", "kittens"]).says(2, "--list");
+    atsplat(folder.path(), &["stress", "--renderer", "abacus"]).says(2, "reference; cpu, portable");
     let args = ["stress", "--list", "--case", "needles", "--case", "needles"];
-    let outcome = atsplat(folder.path(), &args);
-    assert!(outcome.code == 2 && outcome.stderr.contains("needles is given twice"), "{}", outcome.stderr);
+    atsplat(folder.path(), &args).says(2, "needles is given twice");
     for args in [["stress", "--list", "--strict"], ["adapters", "--json", "--strict"]] {
-        let outcome = atsplat(folder.path(), &args);
-        assert!(outcome.code == 2 && outcome.stderr.contains("--strict"), "{}", outcome.stderr);
+        atsplat(folder.path(), &args).says(2, "--strict");
     }
 }
 

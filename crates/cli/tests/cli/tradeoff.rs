@@ -45,8 +45,7 @@ fn a_setting_without_a_result_tells_why() {
     let error =
         "error: no setting has a result: tiny-20x24, psnr, odd: 8 targets not supported, the first with: model ";
     assert!(alone.stderr.contains(error), "{}", alone.stderr);
-    let store = atsplat(here, &["tradeoff", "alone"]);
-    assert!(store.code == 1 && store.stderr.contains("error: nothing was scored: tiny-20x24, psnr, odd: 8 targets"));
+    atsplat(here, &["tradeoff", "alone"]).says(1, "error: nothing was scored: tiny-20x24, psnr, odd: 8 targets");
 }
 
 /// Images are not enlarged, so that the first setting has no trial; the second has its results nevertheless.
@@ -58,14 +57,13 @@ fn a_setting_without_a_trial_does_not_end_the_sweep() {
     let large = "[[settings]]\nlabel = 'large'\noverrides = { resolution = [64, 64] }\n";
     let why = "large: nothing was evaluated: tiny-64x64: every entry was skipped: 1 preprocessing (frame 0: ";
     let both = sweep(here, &[large, WHOLE].concat(), "both", &[]);
-    assert!(both.code == 0 && both.stderr.contains(&format!("warning: {why}")), "{}: {}", both.code, both.stderr);
+    both.says(0, &format!("warning: {why}"));
     assert!(both.stdout.contains("* whole, tiny "), "{}", both.stdout);
-    let alone = sweep(here, large, "alone", &[]);
     let error = format!("error: no setting has a result: {why}");
-    assert!(alone.code == 1 && alone.stderr.contains(&error), "{}: {}", alone.code, alone.stderr);
+    sweep(here, large, "alone", &[]).says(1, &error);
     let store = atsplat(here, &["tradeoff", "alone"]);
     let error = "error: nothing was scored: no method has a trial";
-    assert!(store.code == 1 && store.stderr.contains(error), "{}: {}", store.code, store.stderr);
+    store.says(1, error);
     assert!(!store.stderr.contains("frontier is empty"), "said once: {}", store.stderr);
 }
 
@@ -91,9 +89,8 @@ fn a_setting_needs_a_label() {
     let here = folder.path();
     write_noise(here, 1);
     for label in ["", "  "] {
-        let outcome = sweep(here, &format!("{WHOLE}[[settings]]\nlabel = '{label}'\n"), "out", &[]);
         let error = format!("settings, number 2: expected a label with text, found {label:?}");
-        assert!(outcome.code == 1 && outcome.stderr.contains(&error), "{}: {}", outcome.code, outcome.stderr);
+        sweep(here, &format!("{WHOLE}[[settings]]\nlabel = '{label}'\n"), "out", &[]).says(1, &error);
         assert!(!here.join("out").exists(), "nothing is run");
     }
 }
@@ -105,14 +102,11 @@ fn a_sweep_without_a_network_takes_no_options_of_one() {
     let here = folder.path();
     write_noise(here, 1);
     let optimised = "[[settings]]\nlabel = 'scratch'\noverrides = { strategy = 'mip-splatting', steps = 2 }\n";
-    let rejected = sweep(here, optimised, "out", &[]);
-    let error = "--weights requires a setting of --sweep without `strategy`";
-    assert!(rejected.code == 2 && rejected.stderr.contains(error), "{}: {}", rejected.code, rejected.stderr);
+    sweep(here, optimised, "out", &[]).says(2, "--weights requires a setting of --sweep without `strategy`");
     assert!(succeed(here, &[&SWEEP[..], &["out"], &NETWORK[2..]].concat()).contains("* scratch "));
     let both = sweep(here, &[WHOLE, optimised].concat(), "both", &[]);
     assert_eq!(both.code, 0, "{}", both.stderr);
-    let missing = atsplat(here, &[&SWEEP[..], &["none"]].concat());
-    assert!(missing.code == 1 && missing.stderr.contains("--weights is required"), "{}", missing.stderr);
+    atsplat(here, &[&SWEEP[..], &["none"]].concat()).says(1, "--weights is required");
 }
 
 #[test]
@@ -136,9 +130,7 @@ fn what_a_sweep_rejects_is_rejected_before_its_first_part_runs() {
     let here = folder.path();
     write_noise(here, 1);
     let truth = "[[settings]]\nlabel = 'truth'\noverrides = { resolution = [16, 16] }\n";
-    let outcome = sweep(here, &[WHOLE, truth].concat(), "out", &[]);
-    let error = "other names than truth and context";
-    assert!(outcome.code == 1 && outcome.stderr.contains(error), "{}: {}", outcome.code, outcome.stderr);
+    sweep(here, &[WHOLE, truth].concat(), "out", &[]).says(1, "other names than truth and context");
     assert!(!here.join("out").exists(), "nothing is run");
 }
 
@@ -230,19 +222,17 @@ fn stated_costs_of_images_are_compared_and_said_to_be_stated() {
     assert_eq!(score("nearest-view", &with_rendering).code, 0);
     assert_eq!(score("warp", &["--stated-gaussians", "0"]).code, 2, "a method without Gaussians states none");
 
-    let incomplete = score("warp", &["--stated-seconds", "0.25"]);
-    assert!(incomplete.code == 2 && incomplete.stderr.contains("--stated-machine"), "{}", incomplete.stderr);
+    score("warp", &["--stated-seconds", "0.25"]).says(2, "--stated-machine");
     let expected = "expected 0 or 1e-9 to 1e9 seconds, found \"";
     for secs in ["1e-300", "5e-324", "1e300", "-1", "NaN"] {
         let whole = score("warp", &costs("400", secs));
         let image = score("warp", &[&costs("400", "0.25")[..], &["--stated-render-seconds", secs]].concat());
         for rejected in [whole, image] {
-            assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{secs}: {}", rejected.stderr);
+            rejected.says(2, expected);
         }
     }
     let args = ["score", "tiny.toml", "--data", "data", "--ply", "data", "--out", "ply", "--stated-gaussians", "5"];
-    let ply = atsplat(here, &args);
-    assert!(ply.code == 2 && ply.stderr.contains("--stated-gaussians requires --renders"), "{}", ply.stderr);
+    atsplat(here, &args).says(2, "--stated-gaussians requires --renders");
 
     let printed = succeed(here, &["tradeoff", "scores"]);
     for (name, ms, count) in [("warp", " 250.0 ", "400"), ("nearest-view", " 800.0 ", "300")] {

@@ -184,7 +184,7 @@ fn checkpoints_are_described_verified_and_imported_and_are_no_weights_files() {
         let rejected = atsplat(here, args);
         let expected =
             "found a training checkpoint: resume its run with --resume, or use weights.safetensors of its folder";
-        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{args:?}: {}", rejected.stderr);
+        rejected.says(1, expected);
     }
     let weights = |path: &str| ModelWeights::read(&here.join(path)).unwrap();
     for (checkpoint, out) in [(older, "older.safetensors"), (last, "last.safetensors")] {
@@ -203,9 +203,8 @@ fn checkpoints_are_described_verified_and_imported_and_are_no_weights_files() {
     let mut damaged = std::fs::read(here.join(older)).unwrap();
     *damaged.last_mut().unwrap() ^= 1;
     std::fs::write(here.join("damaged.safetensors"), damaged).unwrap();
-    let rejected = atsplat(here, &["weights", "verify", "damaged.safetensors"]);
     let expected = "metadata tensors-sha256: expected the hash of the tensors";
-    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    atsplat(here, &["weights", "verify", "damaged.safetensors"]).says(1, expected);
     let said = succeed(here, &["weights", "inspect", "damaged.safetensors"]);
     assert!(said.contains("a training checkpoint that cannot be read: ") && said.contains(expected), "{said}");
 }
@@ -246,8 +245,8 @@ views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } }
     assert!(!folder.path().join("out").exists(), "a failure leaves no folder");
     std::fs::create_dir(folder.path().join("store")).unwrap();
     std::fs::write(folder.path().join("store/provenance.json"), "{}").unwrap();
-    let store = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "store"]);
-    assert!(store.code == 1 && store.stderr.contains("--out store: expected a folder for"), "{}", store.stderr);
+    atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "store"])
+        .says(1, "--out store: expected a folder for");
     succeed(folder.path(), &[&train[..], &["micro-rooms"]].concat());
     let message = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
     assert!(message.contains("before: 6000 rooms of the train split"), "{message}");
@@ -266,7 +265,7 @@ fn rejects_an_untrainable_configuration_with_file_and_field() {
         std::fs::write(folder.path().join("tiny.toml"), TINY.replacen(from, to, 1)).unwrap();
         let outcome = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out"]);
         let said = format!("training configuration: tiny.toml, field {field}");
-        assert!(outcome.code == 1 && outcome.stderr.contains(&said), "{}", outcome.stderr);
+        outcome.says(1, &said);
         assert!(outcome.stderr.contains(expected), "{}", outcome.stderr);
         assert!(!folder.path().join("out").exists());
     }
@@ -289,9 +288,8 @@ fn windows_that_a_new_run_must_not_have_are_those_of_a_run_that_is_resumed() {
     assert!(!folder.path().join("out").exists());
     std::fs::create_dir(folder.path().join("out")).unwrap();
     std::fs::write(folder.path().join("out/steps.jsonl"), "").unwrap();
-    let resumed = atsplat(folder.path(), &[&train[..], &["--resume"]].concat());
     let notice = format!("a new one would be rejected: training configuration: {problem}");
-    assert!(resumed.code == 0 && resumed.stderr.contains(&notice), "{}", resumed.stderr);
+    atsplat(folder.path(), &[&train[..], &["--resume"]].concat()).says(0, &notice);
 }
 
 #[test]
@@ -402,7 +400,7 @@ fn resuming_without_the_checkpoints_of_a_run_keeps_its_weights() {
         atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out", "--resume", "--steps", "1"]);
     let advice =
         "out: expected the run's checkpoints in `checkpoints`: put them back, or start a run in another folder";
-    assert!(rejected.code == 1 && rejected.stderr.contains(advice), "{}", rejected.stderr);
+    rejected.says(1, advice);
     assert!(rejected.stderr.contains("`--init out/weights.safetensors`"), "{}", rejected.stderr);
     assert!(["weights.safetensors", "steps.jsonl"].map(read) == before);
 }
@@ -428,8 +426,7 @@ fn a_run_on_an_adapter_follows_the_cpu_and_resumes_there_only() {
     Tolerance::relative(5e-3).assert(losses("card"), losses("cpu"), "loss of each step");
     for (out, device) in [("card", "cpu"), ("cpu", "wgpu")] {
         let args = ["train", "--config", "tiny.toml", "--out", out, "--resume", "--device", device];
-        let rejected = atsplat(folder.path(), &args);
-        assert!(rejected.code == 1 && rejected.stderr.contains("on which the run was started"), "{}", rejected.stderr);
+        atsplat(folder.path(), &args).says(1, "on which the run was started");
     }
     train(folder.path(), "card", &["--steps", "4", "--resume", "--device", "wgpu"]);
     assert_eq!(losses("card").len(), 4);

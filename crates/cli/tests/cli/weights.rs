@@ -101,9 +101,8 @@ fn imported_weights_are_verified_and_exported_bit_for_bit() {
     assert_eq!((&inspected["sha256"], &inspected["tensors"]), (&json!(hash), &json!(truth().tensors.len())));
 
     let export = ["weights", "export", "ours.safetensors", "--key-map", "other.toml", "--out", "back.safetensors"];
-    let nothing = atsplat(here, &[&export[..], &["--only", "decode."]].concat());
     let expected = "--only decode.: ours.safetensors has no tensor whose name starts with it";
-    assert!(nothing.code == 1 && nothing.stderr.contains(expected), "{}", nothing.stderr);
+    atsplat(here, &[&export[..], &["--only", "decode."]].concat()).says(1, expected);
     assert!(!here.join("back.safetensors").exists());
     succeed(here, &export);
     let (back, theirs) = (here.join("back.safetensors"), here.join("theirs.safetensors"));
@@ -247,8 +246,7 @@ fn a_note_replaces_nothing() {
         ),
         (&["--note", "steps=1", "--note", "steps=2"], 2, "--note: steps is given twice"),
     ] {
-        let rejected = atsplat(here, &[&copy[..], notes].concat());
-        assert!(rejected.code == code && rejected.stderr.contains(expected), "{notes:?}: {}", rejected.stderr);
+        atsplat(here, &[&copy[..], notes].concat()).says(code, expected);
         assert!(!here.join("copy.safetensors").exists(), "{notes:?}");
     }
     succeed(here, &[&copy[..], &["--note", "steps=1"]].concat());
@@ -287,13 +285,7 @@ fn rejects_broken_and_missing_files() {
     let mut flipped = whole.clone();
     *flipped.last_mut().unwrap() ^= 1;
     let rejected = |args: &[&str], message: &str| {
-        let outcome = atsplat(here, args);
-        assert!(
-            outcome.code == 1 && outcome.stderr.contains(message),
-            "{args:?}: {} {}",
-            outcome.stdout,
-            outcome.stderr
-        );
+        atsplat(here, args).says(1, message);
     };
     for (bytes, message) in [
         (flipped, "as written"),
@@ -363,12 +355,10 @@ fn recognises_and_joins_a_backbone() {
         let verified = json_of(&succeed(here, &[&["weights", "verify", dino, "--json"], model].concat()));
         assert_eq!(verified["parameters"], frozen);
     }
-    let wrong = atsplat(here, &["weights", "verify", dino, "--model", "paper-re10k"]);
-    assert!(wrong.code == 1 && wrong.stderr.contains("expected [768"), "{}", wrong.stderr);
+    atsplat(here, &["weights", "verify", dino, "--model", "paper-re10k"]).says(1, "expected [768");
 
     let import = ["weights", "import", "trained.safetensors", "--model", "small.toml", "--out", "joined.safetensors"];
-    let alone = atsplat(here, &import);
-    assert!(alone.code == 1 && alone.stderr.contains("--backbone: "), "{}", alone.stderr);
+    atsplat(here, &import).says(1, "--backbone: ");
     let hash = inspected["sha256"].as_str().unwrap();
     succeed(here, &[&import[..], &["--backbone", dino, "--backbone-sha256", hash, "--precision", "f16"]].concat());
     let joined = ModelWeights::read(&here.join("joined.safetensors")).unwrap();

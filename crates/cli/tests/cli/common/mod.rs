@@ -12,15 +12,27 @@ pub(crate) const SCENE: &str =
 
 /// Outcome of a call of the binary.
 pub(crate) struct Outcome {
+    args: String,
     pub(crate) code: i32,
     pub(crate) stdout: String,
     pub(crate) stderr: String,
+}
+
+impl Outcome {
+    /// Expects an exit code, and a text on standard error.
+    #[track_caller]
+    pub(crate) fn says(&self, code: i32, text: &str) {
+        let Self { args, stderr, .. } = self;
+        let is_expected = self.code == code && stderr.contains(text);
+        assert!(is_expected, "{args}: expected {code} and {text:?}, found {}: {stderr}", self.code);
+    }
 }
 
 /// Runs `atsplat` with `args` in `folder`.
 pub(crate) fn atsplat(folder: &Path, args: &[&str]) -> Outcome {
     let output = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(args).current_dir(folder).output().unwrap();
     Outcome {
+        args: args.join(" "),
         code: output.status.code().unwrap(),
         stdout: String::from_utf8(output.stdout).unwrap(),
         stderr: String::from_utf8(output.stderr).unwrap(),
