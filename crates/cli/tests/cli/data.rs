@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{atsplat, printed_json, succeed, write_trajectory};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{ImageU8, encode_png};
 use atsplat_rooms::ClipMotion;
@@ -19,8 +19,7 @@ fn inspects_and_exports_a_trajectory_folder() {
     write_trajectory(&here.join("data/bbbb.txt"), 30);
     std::fs::write(here.join("data/broken.txt"), "https://example.org\n1 2 3\n").unwrap();
 
-    let report = succeed(here, &["data", "inspect", "data", "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let report = printed_json(here, &["data", "inspect", "data", "--json"]);
     assert_eq!(report["format"], "re10k", "{report}");
     assert_eq!(atsplat(here, &["data", "inspect", "data", "--strict"]).code, 4, "a broken file is a skipped scene");
 
@@ -90,8 +89,7 @@ fn frames_elsewhere_are_found_by_key() {
     std::fs::create_dir_all(here.join("frames/test")).unwrap();
     write_scene(&here.join("frames/test"), "a", 2);
     std::fs::rename(here.join("frames/test/a.txt"), here.join("a.txt")).unwrap();
-    let report = succeed(here, &["data", "inspect", "a.txt", "--frames", "frames/test", "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let report = printed_json(here, &["data", "inspect", "a.txt", "--frames", "frames/test", "--json"]);
     assert_eq!(report["images"]["files"], 2, "{report}");
     atsplat(here, &["data", "inspect", "a.txt", "--frames", "frames"])
         .says(1, "such as a/, found no such folder (frames)");
@@ -260,8 +258,7 @@ fn as_many_scenes_are_checked_as_asked_for() {
     let inspect = ["data", "inspect", "data", "--json", "--check-geometry", "--check-scenes"];
     for (scenes, expected) in [("4", &["a", "b", "c", "d"][..]), ("2", &["a", "c"]), ("9", &["a", "b", "c", "d", "e"])]
     {
-        let report = succeed(here, &[&inspect[..], &[scenes]].concat());
-        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        let report = printed_json(here, &[&inspect[..], &[scenes]].concat());
         let checked: Vec<_> =
             report["geometry"].as_array().unwrap().iter().map(|check| check["scene"].as_str().unwrap()).collect();
         assert_eq!(checked, expected);
@@ -304,8 +301,7 @@ fn frames_with_the_same_name_are_all_written() {
     std::fs::write(here.join("scene/transforms.json"), transforms.to_string()).unwrap();
     succeed(here, &["data", "undistort", "scene", "-o", "out"]);
     assert_eq!(std::fs::read_dir(here.join("out/scene/images")).unwrap().count(), 2);
-    let report = succeed(here, &["data", "inspect", "out", "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let report = printed_json(here, &["data", "inspect", "out", "--json"]);
     assert_eq!(report["frames"], 2, "{report}");
 }
 
@@ -348,7 +344,7 @@ fn measures_the_motion_of_known_and_simulated_cameras() {
     write_trajectory(&here.join("data/long.txt"), 200);
     write_trajectory(&here.join("data/short.txt"), 3);
     let args = ["data", "motion", "data", "--simulated", "3", "--plot", "motion.svg"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&args[..], &["--json"]].concat())).unwrap();
+    let report = printed_json(here, &[&args[..], &["--json"]].concat());
     let [simulated, real] = report["groups"].as_array().unwrap().as_slice() else { panic!("{report}") };
     assert_eq!(simulated["clips"][2]["clip"], "rooms-train-00000002", "{simulated}");
     assert_eq!((&real["clips"][0]["frames"], &real["too-short"]), (&200.into(), &1.into()), "{real}");
@@ -399,8 +395,7 @@ fn clips_without_times_have_no_speed() {
     let note = "note: photos: 1 clips without timestamps: their speeds and turn rates are not known";
     assert!(outcome.stderr.contains(note), "{}", outcome.stderr);
     assert!(outcome.stdout.contains("straightness          photos     1    1.000"), "{}", outcome.stdout);
-    let report: serde_json::Value =
-        serde_json::from_str(&succeed(here, &["data", "motion", "photos", "video", "--json"])).unwrap();
+    let report = printed_json(here, &["data", "motion", "photos", "video", "--json"]);
     let of_group = |group: usize, field: &str| &report["groups"][group]["clips"][0][field];
     for field in ["seconds", "speed"] {
         assert!(of_group(0, field).is_null() && of_group(1, field).is_number(), "{field}: {report}");
@@ -419,8 +414,7 @@ fn motion_of_real_clips_agrees_with_numpy() {
     let folders = [shared.join("trajectories/cameractrl_16f"), shared.join("re10k/000c3ab189999a83")];
     let here = tempfile::tempdir().unwrap();
     let [short, whole] = folders.each_ref().map(|folder| folder.to_str().unwrap());
-    let report = succeed(here.path(), &["data", "motion", short, whole, "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let report = printed_json(here.path(), &["data", "motion", short, whole, "--json"]);
     let groups = report["groups"].as_array().unwrap();
     let clips = groups.iter().flat_map(|group| group["clips"].as_array().unwrap());
     let mut found: Vec<ClipMotion> = clips.map(|clip| serde_json::from_value(clip.clone()).unwrap()).collect();

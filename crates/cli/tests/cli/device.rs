@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{atsplat, succeed};
+use crate::common::{atsplat, printed_json, succeed};
 use crate::evaluation::write_noise;
 use atsplat_numeric::Tolerance;
 use atsplat_results::Results;
@@ -98,7 +98,7 @@ fn results_of_an_adapter_say_so_and_are_not_mixed_with_the_cpus() {
     let here = folder.path();
     write_noise(here, 1);
     let on_adapter = run(&[&OPTIMISED[..], &["--device", "wgpu:0"]].concat());
-    let printed: serde_json::Value = serde_json::from_str(&succeed(here, &texts(&on_adapter))).unwrap();
+    let printed = printed_json(here, &texts(&on_adapter));
     let first = &adapters()[0];
     let adapter = format!("{first}, {}", first.driver);
     assert_eq!(printed["times"][0]["device"], format!("renderer on {adapter}"), "{printed}");

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{atsplat, succeed};
+use crate::common::{atsplat, json_of, printed_json, succeed};
 use atsplat_results::times::{Load, Machine, TimingRow};
 use atsplat_results::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow,
@@ -127,7 +127,7 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
 
     let outcome = atsplat(at, &["drift", "now", "--baseline", "quick.json", "--json"]);
     assert_eq!(outcome.code, 3, "{}", outcome.stderr);
-    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let report = json_of(&outcome.stdout);
     assert_eq!(report["verdict"], "drifted", "{report}");
     let moved: Vec<_> =
         report["comparisons"].as_array().unwrap().iter().map(|c| (&c["method"], &c["verdict"])).collect();
@@ -153,7 +153,7 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
 
     let args =
         ["drift", "accept", "now", "--baseline", "quick.json", "--why", "a better decoder", "--no-probe", "--json"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(at, &args)).unwrap();
+    let report = printed_json(at, &args);
     assert_eq!((&report["moved"], &report["acceptances"]), (&"drifted".into(), &2.into()), "{report}");
     assert!(succeed(at, &["drift", "now", "--baseline", "quick.json"]).ends_with("Verdict: same\n"));
     let text = std::fs::read_to_string(at.join("quick.json")).unwrap();
@@ -315,7 +315,7 @@ fn a_lost_render_has_a_cause_and_is_drift_in_the_plot() {
     let args = ["drift", "lost", "--baseline", "quick.json", "--json", "--history"];
     let outcome = atsplat(at, &[&args[..], &["coarse.svg"]].concat());
     assert_eq!(outcome.code, 3, "{}", outcome.stderr);
-    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let report = json_of(&outcome.stdout);
     let [change] = &report["changes"].as_array().unwrap()[..] else { panic!("{report}") };
     assert_eq!(change["stage"], "outside");
     let detail = "scene 3 0 frame 0: was scored, is now failed: no file for frame 0 of scene scene 3";
@@ -387,7 +387,7 @@ fn limits_come_from_repetitions_of_the_run_alone() {
     }
     let accepted = accept("then", &["again"]);
     assert_eq!(accepted.code, 0, "{}", accepted.stderr);
-    let report: serde_json::Value = serde_json::from_str(&accepted.stdout).unwrap();
+    let report = json_of(&accepted.stdout);
     let limits = report["limits"].as_array().unwrap().iter();
     let limits: Vec<_> = limits.map(|limit| (&limit["method"], &limit["runs"])).collect();
     assert_eq!(limits, [(&"fine".into(), &2.into())]);
@@ -428,8 +428,7 @@ fn a_frontier_lists_prices() {
         ),
         "{table}"
     );
-    let json = succeed(folder.path(), &["tradeoff", "then", "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let report = printed_json(folder.path(), &["tradeoff", "then", "--json"]);
     let points = report["tradeoffs"][0]["frontiers"][0]["points"].as_array().unwrap();
     assert!(points.len() == 2 && points.iter().all(|point| point["standing"] == "frontier"), "{report}");
 

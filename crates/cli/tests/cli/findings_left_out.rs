@@ -3,7 +3,7 @@
 use crate::evaluation;
 use std::path::Path;
 
-use crate::common::{Outcome, atsplat, succeed, write_trajectory};
+use crate::common::{Outcome, atsplat, json_of, printed_json, succeed, write_trajectory};
 use crate::evaluation::{write_index, write_noise, write_preset};
 use atsplat_pixels::{ImageU8, encode_png};
 use serde_json::{Value, json};
@@ -167,7 +167,7 @@ fn expansion_names_what_a_sampler_leaves_out() {
     }
     let strict = atsplat(here, &[&args[..], &["--strict", "--json"]].concat());
     assert_eq!(strict.code, 4, "{}", strict.stderr);
-    let report: Value = serde_json::from_str(&strict.stdout).unwrap();
+    let report = json_of(&strict.stdout);
     let kind = "scenes without an entry in the sampled index";
     let gap = json!({ "kind": kind, "count": 1, "first": "short, …: 1 too-few-targets" });
     assert_eq!((&report["scenes"], &report["gaps"]), (&1.into(), &json!([gap])));
@@ -205,7 +205,7 @@ fn expansion_counts_trials_with_damaged_images() {
     let args = ["expansion", "tiny.toml", "--data", "data"];
     let strict = atsplat(here, &[&args[..], &["--strict", "--json"]].concat());
     assert_eq!(strict.code, 4, "{}", strict.stderr);
-    let report: Value = serde_json::from_str(&strict.stdout).unwrap();
+    let report = json_of(&strict.stdout);
     assert_eq!((&report["scenes"], &report["trials"]), (&5.into(), &5.into()), "{report}");
     let [gap] = report["gaps"].as_array().unwrap().as_slice() else { panic!("{report}") };
     assert_eq!((&gap["kind"], &gap["count"]), (&kind.into(), &1.into()), "{gap}");
@@ -300,7 +300,7 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     let found = run(&["--out", "found"]);
     assert!(found.code == 0 && found.stdout.contains("image-elsewhere"), "{}{}", found.stdout, found.stderr);
     let lint = ["protocol", "lint", "data/evaluation_index.json", "--preset", "tiny.toml", "--data", "data", "--json"];
-    let lint: Value = serde_json::from_str(&succeed(here, &lint)).unwrap();
+    let lint = printed_json(here, &lint);
     assert_eq!(lint["dataset"]["usable"], 1, "the lint checks what is run: {lint}");
     rename("images_8", "images_2");
     rename("elsewhere", "images");

@@ -7,7 +7,7 @@ use atsplat_tests::skip_without_graphics;
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-use crate::common::{SCENE, atsplat, photograph, started, succeed};
+use crate::common::{SCENE, atsplat, photograph, printed_json, read_json, started, succeed};
 
 /// A short run; the file follows.
 const FIT_TO: [&str; 11] =
@@ -24,7 +24,7 @@ fn held_out_photos_are_compared_at_other_scales() {
         let run = ["--start", SCENE, "--strategy", "mip-splatting", "--steps", "2", "--out", "fitted.ply", "--json"];
         [&views[..], &run[..]].concat()
     };
-    let report: Value = serde_json::from_str(&succeed(folder.path(), &with_scales("2,1,0.25"))).unwrap();
+    let report = printed_json(folder.path(), &with_scales("2,1,0.25"));
     let rows = report["at-scales"].as_array().unwrap();
     let size = |row: &Value| (row["scale"].as_f64(), row["width"].as_u64(), row["height"].as_u64());
     let expected = [(2.0, 64), (1.0, 32), (0.25, 8)].map(|(scale, side)| (Some(scale), Some(side), Some(side)));
@@ -58,7 +58,7 @@ fn a_fit_on_an_adapter_says_so() {
     let checkpoint = ["--checkpoint", "state", "--checkpoint-every", "2"];
     let text = succeed(here, &fit(&checkpoint));
     assert!(text.lines().next().is_some_and(|line| line.ends_with(" on cpu")), "{text}");
-    let record = || -> Value { serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap() };
+    let record = || read_json(&here.join("fitted.ply.json"));
     let on_cpu = record();
     assert_eq!(on_cpu["device"], "cpu");
     let Some(adapter) = adapters().into_iter().next() else {
@@ -83,8 +83,8 @@ fn a_refinement_records_cameras_and_extent_in_the_frame_of_the_photos() {
     succeed(here, &["render", SCENE, "--orbit", "8", "--size", "128x128", "--out", "photos"]);
     let fit = ["fit", "photos", "--views", "0,1,3", "--refine", "micro-rooms", "--steps", "1", "--extent", "2.5"];
     let output = ["--optimise-poses", "--out", "fitted.ply", "--json"];
-    let record: Value = serde_json::from_str(&succeed(here, &[&fit[..], &output].concat())).unwrap();
-    let given: Value = serde_json::from_slice(&std::fs::read(here.join("photos/render.json")).unwrap()).unwrap();
+    let record = printed_json(here, &[&fit[..], &output].concat());
+    let given = read_json(&here.join("photos/render.json"));
     let pose = |camera: &Value| -> Vec<f64> {
         camera["camera-from-world"].as_array().unwrap().iter().map(|entry| entry.as_f64().unwrap()).collect()
     };
@@ -110,7 +110,7 @@ fn a_record_tells_photos_and_starts_apart() {
     let record = |start: &'static str, more: &[&'static str]| -> Value {
         let fit = ["fit", "photos", "--views", "..", "--strategy", "fixed", "--steps", "1", "--start", start];
         succeed(here, &[&fit[..], &["--out", "fitted.ply"], more].concat());
-        serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap()
+        read_json(&here.join("fitted.ply.json"))
     };
     let [wide, small] = ["64x36", "48x27"].map(|size| record(SCENE, &["--size", size]));
     assert_eq!([&wide, &small].map(|record| record["sizes"].clone()), [json!(["64x36"]), json!(["48x27"])]);
@@ -145,7 +145,7 @@ fn broken_gaussians_of_a_start_are_warned_of_and_counted() {
     assert_eq!(fitted.code, 0, "{}", fitted.stderr);
     let expected = "warning: --start start.ply: 3 of 5 Gaussians are broken, of which 2 are removed and 1 repaired: ";
     assert!(fitted.stderr.contains(expected), "{}", fitted.stderr);
-    let record: Value = serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
+    let record = read_json(&here.join("fitted.ply.json"));
     let counts = ["start-gaussians", "dropped", "gaussians"].map(|field| record[field].as_u64());
     assert_eq!(counts, [Some(5), Some(2), Some(3)]);
     let warnings: Vec<&str> = record["warnings"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
@@ -375,7 +375,7 @@ fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_noted() {
     let run = ["fitted.ply", "--steps", "1", "--checkpoint", "state", "--resume"];
     let note = "note: --resume: no checkpoint at state; starting from step 0";
     atsplat(here, &[&FIT_TO[..], &run].concat()).says(0, note);
-    let record: Value = serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
+    let record = read_json(&here.join("fitted.ply.json"));
     let hash = Sha256Digest::of(&std::fs::read(here.join("fitted.ply")).unwrap());
     assert_eq!(record["file-sha256"], hash.to_string());
     assert_eq!(record["steps"], 1);

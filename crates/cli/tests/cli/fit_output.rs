@@ -3,10 +3,9 @@
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::Tolerance;
 use atsplat_splat::files::{self, Encoding, Format};
-use serde_json::Value;
 use tempfile::tempdir;
 
-use crate::common::{SCENE, atsplat, photograph, succeed};
+use crate::common::{SCENE, atsplat, photograph, read_json, succeed};
 
 /// The centres of an SPZ are rounded to 2⁻¹². What it cannot store is an error before the first step.
 #[test]
@@ -19,7 +18,7 @@ fn gaussians_are_written_in_the_format_of_their_extension() {
         succeed(here, &[&views[..], &["--start", SCENE, "--strategy", "fixed", "--out", name]].concat());
         let (gaussians, import) = files::read(&here.join(name)).unwrap();
         let centres: Vec<f64> = gaussians.parts().means.as_flattened().iter().copied().map(f64::from).collect();
-        let record: Value = serde_json::from_slice(&std::fs::read(here.join(format!("{name}.json"))).unwrap()).unwrap();
+        let record = read_json(&here.join(format!("{name}.json")));
         let hash = Sha256Digest::of(&std::fs::read(here.join(name)).unwrap());
         assert_eq!(record["file-sha256"], hash.to_string());
         assert_eq!(record["commit"].as_str(), option_env!("ATSPLAT_COMMIT"), "as the builds of these tests record it");

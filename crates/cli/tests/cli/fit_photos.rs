@@ -8,12 +8,12 @@ use atsplat_pixels::{DecodeLimits, ImageU8, decode};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-use crate::common::{SCENE, atsplat, succeed};
+use crate::common::{SCENE, atsplat, read_json, succeed};
 
 const FIT: [&str; 8] = ["fit", "photos", "--start", SCENE, "--strategy", "fixed", "--out", "fitted.ply"];
 
 fn record(here: &Path) -> Value {
-    serde_json::from_slice(&fs::read(here.join("fitted.ply.json")).unwrap()).unwrap()
+    read_json(&here.join("fitted.ply.json"))
 }
 
 /// Photos of 13×9 pixels, of which two have an alpha channel with transparent pixels.
@@ -115,7 +115,7 @@ fn renders_with_the_written_cameras_are_those_of_the_optimisation() {
     let corrections = ["--optimise-poses", "0.01", "--optimise-exposure", "0.05"];
     succeed(here, &[&views[..], &start, &corrections].concat());
     let record = record(here);
-    let mut written: Value = serde_json::from_slice(&fs::read(here.join("fitted.ply.cameras.json")).unwrap()).unwrap();
+    let mut written = read_json(&here.join("fitted.ply.cameras.json"));
     let cameras = written["views"].as_array().unwrap();
     let number = |camera: &Value| camera["number"].as_u64().unwrap();
     assert_eq!(cameras.iter().map(number).collect::<Vec<_>>(), [3, 1, 2]);

@@ -1,9 +1,8 @@
 //! Runs of `atsplat fit` that continue from a checkpoint.
 
-use serde_json::Value;
 use tempfile::tempdir;
 
-use crate::common::{SCENE, atsplat, photograph, started, succeed};
+use crate::common::{SCENE, atsplat, json_of, photograph, printed_json, started, succeed};
 
 /// Killed after its first checkpoint. Gaussians are split before and after it.
 #[test]
@@ -48,7 +47,7 @@ fn a_resumed_run_has_the_record_and_the_curve_of_an_uninterrupted_one() {
     let results = || ["fitted.ply.json", "plots/learning-curve.svg"].map(read);
     succeed(here, &fit(&[]));
     let (whole, gaussians) = (results(), std::fs::read(here.join("fitted.ply")).unwrap());
-    let record: Value = serde_json::from_str(&whole[0]).unwrap();
+    let record = json_of(&whole[0]);
     let steps = record["evaluations"].as_array().unwrap().iter().map(|evaluation| evaluation["step"].as_u64());
     assert_eq!(steps.collect::<Vec<_>>(), [2, 4, 6, 7].map(Some));
     assert!(record["training-psnr"].as_f64().is_some_and(f64::is_finite), "{record}");
@@ -67,7 +66,7 @@ fn a_resumed_run_reports_the_time_of_all_its_steps() {
     let run =
         ["--steps", "300", "--checkpoint", "state", "--checkpoint-every", "300", "--resume", "--out", "fitted.ply"];
     let fit = [&fit[..], &run].concat();
-    let report = || -> Value { serde_json::from_str(&succeed(here, &[&fit[..], &["--json"]].concat())).unwrap() };
+    let report = || printed_json(here, &[&fit[..], &["--json"]].concat());
     let [whole, resumed] = [report(), report()];
     let seconds = [&whole, &resumed].map(|report| report["seconds"].as_f64().unwrap());
     assert!(seconds[1] > 0.5 * seconds[0], "{seconds:?}");

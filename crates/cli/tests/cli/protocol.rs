@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{atsplat, printed_json, read_json, succeed, write_trajectory};
 use atsplat_pixels::ImageU8;
 
 fn repository() -> PathBuf {
@@ -38,8 +38,7 @@ fn builds_measures_lints_and_extrapolates_an_index() {
     let short = "      1  scenes without an entry: too-few-frames, such as short: needs 6 frames, has 5\n";
     assert!(built.contains(short), "{built}");
 
-    let lint = succeed(here, &["protocol", "lint", "index.json", "--json"]);
-    let lint: serde_json::Value = serde_json::from_str(&lint).unwrap();
+    let lint = printed_json(here, &["protocol", "lint", "index.json", "--json"]);
     assert_eq!((&lint["keys"], &lint["null"], &lint["scenes"]), (&3.into(), &1.into(), &2.into()), "{lint}");
 
     let overlap = succeed(
@@ -48,15 +47,13 @@ fn builds_measures_lints_and_extrapolates_an_index() {
     );
     assert!(overlap.contains("      2  measured"), "{overlap}");
     assert!(std::fs::read_to_string(here.join("overlap.svg")).unwrap().starts_with("<svg"));
-    let measured: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(here.join("overlap.json")).unwrap()).unwrap();
+    let measured = read_json(&here.join("overlap.json"));
     let value = measured["aaaa"]["overlap"].as_f64().unwrap();
     assert!((0.0..=1.0).contains(&value), "{measured}");
 
     let moved = succeed(here, &["protocol", "extrapolate", "index.json", "--data", "data", "-o", "outside.json"]);
     assert!(moved.contains("2  entries with every target"), "{moved}");
-    let moved = succeed(here, &["protocol", "lint", "outside.json", "--against", "index.json", "--json"]);
-    let moved: serde_json::Value = serde_json::from_str(&moved).unwrap();
+    let moved = printed_json(here, &["protocol", "lint", "outside.json", "--against", "index.json", "--json"]);
     assert_eq!(moved["outside-window"]["targets"], 40, "ten before and ten after in two scenes: {moved}");
     assert_eq!(moved["against"]["verdict"], "different");
 }
@@ -179,7 +176,7 @@ fn a_strict_build_rejects_missing_and_unreadable_images() {
     }
     let build = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json", "--strict"];
     succeed(here, &build);
-    let index: serde_json::Value = serde_json::from_slice(&std::fs::read(here.join("index.json")).unwrap()).unwrap();
+    let index = read_json(&here.join("index.json"));
     let target = index["a"]["target"][1].as_u64().unwrap();
     let empty = here.join(format!("data/a/{}.png", target * 33_367));
     std::fs::write(&empty, []).unwrap();
@@ -267,8 +264,7 @@ fn compares_overlap_estimators_with_true_covisibility() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let of_scenes = |scenes| ["protocol", "estimators", "--scenes", scenes, "--pairs", "6", "--size", "48x36"];
-    let report = succeed(here, &[&of_scenes("3")[..], &["--json"]].concat());
-    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let report = printed_json(here, &[&of_scenes("3")[..], &["--json"]].concat());
     assert_eq!(report["pairs"].as_array().unwrap().len(), 36, "{report}");
     let rows = report["estimators"].as_array().unwrap();
     for kind in ["rooms", "yards"] {

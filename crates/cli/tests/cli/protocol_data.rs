@@ -3,13 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{atsplat, printed_json, read_json, succeed, write_trajectory};
 use atsplat_pixels::exr::{self, Channel, Channels, Values};
 use atsplat_tests::shared_data;
-
-fn json(text: &str) -> serde_json::Value {
-    serde_json::from_str(text).unwrap()
-}
 
 /// The capture has images of 960×540 and 480×270; the protocol needs the small ones.
 #[test]
@@ -22,7 +18,7 @@ fn every_command_uses_the_requested_images() {
     succeed(here, &["protocol", "build", data, "--images", "8", "--sampler", "dl3dv-6v", "-o", "index.json"]);
 
     let lint = ["protocol", "lint", "index.json", "--preset", "dl3dv-6v-256x448", "--data", data, "--json"];
-    let usable = |args: &[&str]| json(&succeed(here, &[&lint[..], args].concat()))["dataset"]["usable"].as_u64();
+    let usable = |args: &[&str]| printed_json(here, &[&lint[..], args].concat())["dataset"]["usable"].as_u64();
     assert_eq!((usable(&["--images", "8"]), usable(&["--images", "4"])), (Some(1), Some(0)));
 
     for command in [&["overlap", "index.json"][..], &["extrapolate", "index.json", "-o", "outside.json"]] {
@@ -58,7 +54,7 @@ fn measures_depth_covisibility_from_files() {
     ] {
         assert!(report.contains(line), "{line}: {report}");
     }
-    let measured = json(&std::fs::read_to_string(here.join("overlap.json")).unwrap());
+    let measured = read_json(&here.join("overlap.json"));
     assert_eq!(measured["wall"]["overlap"].to_string(), "0.8", "{measured}");
     assert_eq!(measured["wall"]["overlap_estimator"], "depth-covisibility-2x2", "{measured}");
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
@@ -185,7 +181,7 @@ fn missing_scenes_are_skipped_and_the_split_is_recognised() {
     let lint = ["protocol", "lint", "outside.json", "--preset", "dl3dv-6v-extrapolation"];
     let text = succeed(here, &lint);
     assert!(text.contains("derived by its rule, but not from all scenes"), "{text}");
-    let report = json(&succeed(here, &[&lint[..], &["--json"]].concat()));
+    let report = printed_json(here, &[&lint[..], &["--json"]].concat());
     assert_eq!(report["targets-by-distance"]["-10"], 1, "{report}");
     assert_eq!(report["preset"]["match"], "derived-from-other");
     let text = succeed(here, &["protocol", "lint", "one.json", "--preset", "dl3dv-6v-extrapolation"]);

@@ -16,7 +16,7 @@ use atsplat_splat::{Gaussians, files};
 use atsplat_tests::{graphics_required, shared_data};
 use serde_json::{Value, json};
 
-use crate::common::{SCENE, atsplat, succeed};
+use crate::common::{SCENE, atsplat, json_of, printed_json, read_json, succeed};
 
 const SEED: u64 = 3;
 
@@ -67,7 +67,7 @@ fn gaussians(path: &Path) -> Gaussians {
 }
 
 fn record(folder: &Path) -> Value {
-    serde_json::from_str(&fs::read_to_string(folder.join("scene.ply.json")).unwrap()).unwrap()
+    read_json(&folder.join("scene.ply.json"))
 }
 
 /// The same reconstruction through the libraries.
@@ -219,9 +219,7 @@ fn writes_spz_by_extension_and_keeps_the_order_of_views() {
     let here = folder.path();
     let tiny = tiny();
     let args = ["reconstruct", ".", "--weights", "random:3", "--model", tiny.to_str().unwrap(), "--json"];
-    let report: Value =
-        serde_json::from_str(&succeed(here, &[&args[..], &["--views", "5,0..3:2", "--out", "a.spz"]].concat()))
-            .unwrap();
+    let report = printed_json(here, &[&args[..], &["--views", "5,0..3:2", "--out", "a.spz"]].concat());
     assert_eq!(report["output"]["format"], json!({ "spz3": { "antialiased": false } }));
     let frames: Vec<&Value> = report["input"]["views"].as_array().unwrap().iter().map(|view| &view["frame"]).collect();
     assert_eq!(frames, [&json!(5), &json!(0), &json!(2)]);
@@ -465,7 +463,7 @@ fn reconstructs_real_photos() {
         let more = ["--out", "scene.ply", "--renders", "renders", "--json"];
         let outcome = atsplat(here, &[&args[..], &more].concat());
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-        let report: Value = serde_json::from_str(&outcome.stdout).unwrap();
+        let report = json_of(&outcome.stdout);
         assert_eq!((&report["tokens"]["final"], &report["tokens"]["gaussians"]), (&json!(1440), &json!(23_040)));
         assert_eq!(outcome.stderr.contains("lens distortion"), data.ends_with("fox"), "{}", outcome.stderr);
         let scene = gaussians(&here.join("scene.ply"));

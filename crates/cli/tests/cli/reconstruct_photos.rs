@@ -6,7 +6,7 @@ use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-use crate::common::{SCENE, atsplat, succeed};
+use crate::common::{SCENE, atsplat, read_json, succeed};
 
 /// A network for 48×32 pixels.
 const TINY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../model/oracle/tiny.toml");
@@ -35,7 +35,7 @@ fn photos_with_alpha_are_composited_over_the_background_if_asked() {
         succeed(here, &[reconstruct(&["--renders", "renders"]), more.to_vec()].concat());
         let png = fs::read(here.join("renders/inputs/000002.png")).unwrap();
         let image = decode(&png, &DecodeLimits::default()).unwrap();
-        let record: Value = serde_json::from_slice(&fs::read(here.join("scene.ply.json")).unwrap()).unwrap();
+        let record = read_json(&here.join("scene.ply.json"));
         let last = image.samples().len() - 3;
         assert_eq!(image.samples()[last..], [200, 90, 30], "{more:?}: opaque");
         (image.samples()[..3].to_vec(), record["input"]["composited-over"].clone())
@@ -59,7 +59,7 @@ fn images_of_another_run_are_counted_and_recorded() {
         let input = ["reconstruct", "photos", "--weights", "random:3", "--model", TINY, "--renders", "renders"];
         let outcome = atsplat(here, &[&input[..], &["--out", "scene.ply"], more].concat());
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-        let record: Value = serde_json::from_slice(&fs::read(here.join("scene.ply.json")).unwrap()).unwrap();
+        let record = read_json(&here.join("scene.ply.json"));
         let warnings = record["warnings"].as_array().unwrap().clone();
         (outcome.stderr, warnings.iter().find(|text| text.as_str().unwrap().contains("another run")).cloned())
     };

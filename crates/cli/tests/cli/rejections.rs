@@ -2,12 +2,11 @@
 
 use std::fs;
 
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{atsplat, read_json, succeed, write_trajectory};
 use crate::evaluation::{bare, write_noise};
 use crate::render_scene::SCENE;
 use atsplat_model::ModelConfig;
 use atsplat_results::Results;
-use serde_json::Value;
 
 const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--out", "store"];
 
@@ -226,7 +225,7 @@ fn a_damaged_table_is_an_error_without_a_report_of_the_panic() {
     fs::write(&trials, bytes).unwrap();
     // As in a store of an older version: a stated hash would tell first.
     let records = here.join("store/provenance.json");
-    let mut stated: Value = serde_json::from_slice(&fs::read(&records).unwrap()).unwrap();
+    let mut stated = read_json(&records);
     assert!(stated.as_object_mut().unwrap().remove("tables-sha256").is_some());
     fs::write(&records, stated.to_string()).unwrap();
     let refused = atsplat(here, &["report", "store", "--out", "page"]);

@@ -12,8 +12,8 @@ use atsplat_splat::{Channels, Exposure, RenderOptions, Renderer, RendererConstan
 use atsplat_tests::skip_without_graphics;
 use serde_json::{Value, json};
 
-use crate::common::{atsplat, started, succeed};
-use crate::render_scene::{bits, contents, fixture, folder, json_of, record, rendered};
+use crate::common::{atsplat, printed_json, started, succeed};
+use crate::render_scene::{bits, contents, fixture, folder, record, rendered};
 
 #[test]
 fn files_hold_the_librarys_renders() {
@@ -69,7 +69,7 @@ fn counts_cleaned_and_culled_gaussians() {
     let folder = folder();
     let here = folder.path();
     let args = ["render", "scene.ply", "--cameras", "path.txt", "--size", "32x24", "--out", "out", "--json"];
-    let report = json_of(&succeed(here, &args));
+    let report = printed_json(here, &args);
     let import = &report["scene"]["import"];
     assert_eq!((&import["rejected"], &import["repaired"], &import["total"]), (&json!(1), &json!(1), &json!(6)));
     assert_eq!(report["scene"]["gaussians"], 5);
@@ -125,7 +125,7 @@ fn a_round_trip_is_lossless_for_ply_and_measured_for_others() {
     let text = succeed(here, &args);
     assert!(text.contains("identical") && text.contains(" dB"), "{text}");
     args.push("--json");
-    let report = json_of(&succeed(here, &args));
+    let report = printed_json(here, &args);
     let rows = report["round-trip"]["rows"].as_array().unwrap();
     for row in &rows[..3] {
         assert_eq!(
@@ -138,10 +138,10 @@ fn a_round_trip_is_lossless_for_ply_and_measured_for_others() {
         assert!((10.0..200.0).contains(&psnr) && share < 0.7, "{row}");
         assert!(row["worst-view-psnr-db"].as_f64().unwrap() <= psnr + 1e-9, "{row}");
     }
-    let with_scalar = json_of(&succeed(
+    let with_scalar = printed_json(
         here,
         &["render", "scene.ply", "--orbit", "1", "--size", "8x8", "--out", "out", "--round-trip", "ply,spz3", "--json"],
-    ));
+    );
     let row = &with_scalar["round-trip"]["rows"][1];
     assert!(row["fault"].as_str().unwrap().contains("expected"), "SPZ has no place for a scalar: {row}");
 }

@@ -3,7 +3,7 @@
 use crate::common;
 use std::path::Path;
 
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{atsplat, printed_json, succeed, write_trajectory};
 use crate::evaluation::{bare, write_index, write_preset};
 use atsplat_camera::ImageSize;
 use atsplat_numeric::{SplitMix64, Tolerance};
@@ -73,12 +73,11 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
     }
     let again = succeed(here, &score);
     assert!(again.contains("0 results computed; 2 were there before"), "{again}");
-    let json: serde_json::Value = serde_json::from_str(&succeed(here, &[&score[..], &["--json"]].concat())).unwrap();
+    let json = printed_json(here, &[&score[..], &["--json"]].concat());
     // As in tables, what is identical is in no mean.
     let row = &json["rows"][0];
     assert_eq!((&row["identical"], &row["means"]), (&6.into(), &serde_json::json!({})));
-    let both: serde_json::Value =
-        serde_json::from_str(&succeed(here, &[&args[..], &FLOORS, &["--json"]].concat())).unwrap();
+    let both = printed_json(here, &[&args[..], &FLOORS, &["--json"]].concat());
     let row = both["rows"].as_array().unwrap().iter().find(|row| row["method"] == "nearest-view").unwrap();
     let scored = floors.targets.iter().filter(|row| row.key.method == "nearest-view");
     let mut scenes: std::collections::BTreeMap<&str, Vec<f64>> = std::collections::BTreeMap::new();
@@ -97,7 +96,7 @@ fn expansion_is_measured_over_scenes() {
     let here = folder.path();
     simulated_at(here, 6, SceneKind::Rooms, 64);
     let args = ["expansion", "tiny.toml", "--data", "data/test"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&args[..], &["--json"]].concat())).unwrap();
+    let report = printed_json(here, &[&args[..], &["--json"]].concat());
     assert_eq!((&report["network"], &report["scenes"]), (&"micro-rooms".into(), &6.into()));
     let blocks = report["blocks"].as_array().unwrap();
     // The network sees two views of 128x128, as it was trained; half of the tokens, half, and a quarter of them become two.
@@ -124,8 +123,7 @@ fn expansion_is_measured_over_scenes() {
 
     let one = [&args[..], &["--limit", "1", "--strict"]].concat();
     std::fs::copy(here.join("tiny.toml"), here.join("copy.toml")).unwrap();
-    let several = succeed(here, &[&one[..], &["copy.toml", "--json"]].concat());
-    let several: serde_json::Value = serde_json::from_str(&several).unwrap();
+    let several = printed_json(here, &[&one[..], &["copy.toml", "--json"]].concat());
     assert_eq!(several.as_array().unwrap().len(), 2, "{several}");
     std::fs::remove_file(here.join("data/test/rooms-test-00000004.txt")).unwrap();
     atsplat(here, &one).says(4, "1 × scenes of the index that are not in the data\n    rooms-test-00000004\n");
@@ -258,8 +256,7 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     atsplat(here, &["tradeoff", "store"]).says(0, why);
     atsplat(here, &[&run[..], &["--repetitions", "7"]].concat()).says(2, "--timing");
     assert_eq!(atsplat(here, &[&run[..], &["--timing", "--repetitions", "4"]].concat()).code, 2, "five at the least");
-    let json = succeed(here, &[&run[..], &["--timing", "--repetitions", "7", "--json"]].concat());
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = printed_json(here, &[&run[..], &["--timing", "--repetitions", "7", "--json"]].concat());
     assert_eq!((&json["summary"]["evaluated"], &json["summary"]["resumed"]), (&0.into(), &4.into()), "{json}");
     let times = &json["times"][0];
     assert_eq!(

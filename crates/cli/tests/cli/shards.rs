@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{atsplat, succeed};
+use crate::common::{atsplat, json_of, printed_json, succeed};
 use crate::evaluation::{bare, write_noise};
 use atsplat_results::{Results, Shard};
 use atsplat_scene::Warnings;
@@ -127,10 +127,9 @@ fn a_merge_counts_what_failed_in_its_parts() {
     }
     let merged = atsplat(here, &["merge", "one", "two", "--out", "merged", "--strict", "--json"]);
     assert_eq!(merged.code, 4, "{}", merged.stderr);
-    let report: serde_json::Value = serde_json::from_str(&merged.stdout).unwrap();
+    let report = json_of(&merged.stdout);
     assert_eq!(report["partial"], serde_json::json!([]), "{report}");
-    let part = succeed(here, &["merge", "one", "--out", "part", "--partial", "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&part).unwrap();
+    let report = printed_json(here, &["merge", "one", "--out", "part", "--partial", "--json"]);
     assert_eq!(report["partial"], serde_json::json!(["shard 2 is missing"]), "{report}");
     for (stores, out, is_whole) in [(&["one", "two"][..], "whole", true), (&["two"], "again", false)] {
         let merged = atsplat(here, &[&["merge"], stores, &["--out", out, "--partial"]].concat());

@@ -1,6 +1,6 @@
 //! `atsplat data simulate` as a user runs it.
 
-use crate::common::{atsplat, started, succeed, write_trajectory};
+use crate::common::{atsplat, json_of, printed_json, started, succeed, write_trajectory};
 
 #[test]
 fn simulated_scenes_are_readable_in_every_layout() {
@@ -11,10 +11,9 @@ fn simulated_scenes_are_readable_in_every_layout() {
         succeed(here, &[&plain, more].concat())
     };
     for (layout, inside) in [("re10k", "test"), ("chunks", "test"), ("nerfstudio", "")] {
-        let report: serde_json::Value = serde_json::from_str(&simulate(layout, &["--layout", layout])).unwrap();
+        let report = json_of(&simulate(layout, &["--layout", layout]));
         assert_eq!(report["scenes"][1]["key"], "rooms-test-00000001", "{report}");
-        let found = succeed(here, &["data", "inspect", &format!("{layout}/{inside}"), "--json"]);
-        let found: serde_json::Value = serde_json::from_str(&found).unwrap();
+        let found = printed_json(here, &["data", "inspect", &format!("{layout}/{inside}"), "--json"]);
         assert_eq!((&found["scenes"]["read"], &found["frames"]), (&2.into(), &6.into()), "{layout}: {found}");
     }
     atsplat(here, &["data", "simulate", "re10k", "--scenes", "1"]).says(1, "not empty");
@@ -64,7 +63,7 @@ fn costs_of_effects_are_not_negative_and_compared_with_all() {
     }
     assert!(measured.iter().all(|line| !line.contains(" -") && !line.contains("(-")), "a negative cost: {text}");
     assert!(text.contains("median ms a frame") && text.contains("all effects take "), "{text}");
-    let report: serde_json::Value = serde_json::from_str(&simulate("json", &["--json"])).unwrap();
+    let report = json_of(&simulate("json", &["--json"]));
     for scene in report["scenes"].as_array().unwrap() {
         let costs = &scene["costs"];
         assert!(costs["difference"]["beyond"].as_f64().unwrap() <= 1e-3, "{costs}");
@@ -128,7 +127,7 @@ fn requested_effects_that_scenes_have_none_of_are_counted() {
         ["data", "simulate", "out", "--size", "24x16", "--samples", "1", "--frames", "2", "--scenes", "12", "--json"];
     let outcome = atsplat(folder.path(), &[&plain[..], &["--effects", "sensor-noise,specular-reflection"]].concat());
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let report = json_of(&outcome.stdout);
     let scenes = report["scenes"].as_array().unwrap();
     let of = |list: &str, effect: &str| {
         let has = |scene: &&serde_json::Value| {

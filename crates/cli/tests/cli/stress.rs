@@ -1,6 +1,6 @@
 //! `atsplat stress` as a user runs it.
 
-use crate::common::{atsplat, succeed};
+use crate::common::{atsplat, json_of, printed_json, succeed};
 use atsplat_tests::graphics_required;
 
 #[test]
@@ -21,7 +21,7 @@ fn prints_a_row_per_case_and_renderer() {
 fn writes_json_and_a_plot() {
     let folder = tempfile::tempdir().unwrap();
     let args = ["stress", "--case", "saturated", "--renderer", "cpu", "--json", "--plot", "errors.svg"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &args)).unwrap();
+    let report = printed_json(folder.path(), &args);
     assert_eq!(report["failed"], 0, "{report}");
     let row = &report["rows"][0];
     assert_eq!(
@@ -43,8 +43,7 @@ fn lists_names_and_rejects_unknown_ones() {
     let folder = tempfile::tempdir().unwrap();
     let list = succeed(folder.path(), &["stress", "--list"]);
     assert!(list.lines().count() > 50 && list.contains("needle-end-on"), "{list}");
-    let listed = succeed(folder.path(), &["stress", "--list", "--json", "--case", "needle-end-on"]);
-    let listed: serde_json::Value = serde_json::from_str(&listed).unwrap();
+    let listed = printed_json(folder.path(), &["stress", "--list", "--json", "--case", "needle-end-on"]);
     assert_eq!(listed["cases"][0]["name"], "needle-end-on", "{listed}");
     atsplat(folder.path(), &["stress", "--case", "kittens"]).says(2, "--list");
     atsplat(folder.path(), &["stress", "--renderer", "abacus"]).says(2, "reference; cpu, portable");
@@ -75,7 +74,7 @@ fn lists_adapters() {
         assert!(output.status.success());
         String::from_utf8(output.stdout).unwrap()
     };
-    let report: serde_json::Value = serde_json::from_str(&adapters(&["--json"])).unwrap();
+    let report = json_of(&adapters(&["--json"]));
     let text = adapters(&[]);
     let required = graphics_required();
     let adapters = report["adapters"].as_array().unwrap();

@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use crate::common::{Outcome, atsplat, succeed};
+use crate::common::{Outcome, atsplat, json_of, succeed};
 use crate::evaluation::write_noise;
 use atsplat_model::weights::ModelWeights;
 use atsplat_results::Results;
-use serde_json::Value;
 
 /// A sweep of what [`sweep`] has written; the folder of its results follows.
 const SWEEP: [&str; 8] = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--sweep", "sweep.toml", "--out"];
@@ -36,7 +35,7 @@ fn a_setting_without_a_result_tells_why() {
 
     let alone = sweep(here, ODD, "alone", &["--json"]);
     assert_eq!(alone.code, 1, "{}", alone.stdout);
-    let report: Value = serde_json::from_str(&alone.stdout).unwrap();
+    let report = json_of(&alone.stdout);
     let tradeoff = &report["tradeoffs"][0];
     for reason in [&tradeoff["frontiers"][0]["left-out"][0], &tradeoff["unscored"][0]] {
         let text = reason[1].as_str().unwrap();

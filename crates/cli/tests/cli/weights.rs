@@ -9,14 +9,10 @@ use atsplat_model::weights::{KeyMap, ModelWeights, StoredTensor, StoredTensors, 
 use atsplat_tests::shared_data;
 use serde_json::{Value, json};
 
-use crate::common::{atsplat, succeed};
+use crate::common::{atsplat, json_of, printed_json, succeed};
 
 fn of_model(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../model").join(path).canonicalize().unwrap()
-}
-
-fn json_of(text: &str) -> Value {
-    serde_json::from_str(text).unwrap()
 }
 
 fn tiny() -> ModelConfig {
@@ -72,7 +68,7 @@ const IMPORT: [&str; 7] =
 fn imported_weights_are_verified_and_exported_bit_for_bit() {
     let folder = folder();
     let here = folder.path();
-    let dry = json_of(&succeed(here, &[&IMPORT[..], &["--json"]].concat()));
+    let dry = printed_json(here, &[&IMPORT[..], &["--json"]].concat());
     assert_eq!((&dry["complete"], &dry["out"]), (&json!(true), &Value::Null));
     let qkv = dry["matched"].as_array().unwrap().iter().find(|row| row["parameter"] == "fine.layers.0.attn.qkv.weight");
     assert_eq!(qkv.unwrap()["sources"].as_array().unwrap().len(), 3);
@@ -90,13 +86,12 @@ fn imported_weights_are_verified_and_exported_bit_for_bit() {
     succeed(here, &args);
     assert_eq!(fs::read(here.join("ours.safetensors")).unwrap(), bytes, "the same arguments give identical bytes");
 
-    let verified =
-        json_of(&succeed(here, &["weights", "verify", "ours.safetensors", "--model", "tiny.toml", "--json"]));
+    let verified = printed_json(here, &["weights", "verify", "ours.safetensors", "--model", "tiny.toml", "--json"]);
     assert_eq!((&verified["fits"], &verified["parameters"]), (&json!("tiny"), &json!(truth().tensors.len())));
     let hash = verified["sha256"].as_str().unwrap().to_owned();
     let text = succeed(here, &["weights", "verify", "ours.safetensors", "--sha256", &hash]);
     assert!(text.contains("as expected"), "{text}");
-    let inspected = json_of(&succeed(here, &["weights", "inspect", "ours.safetensors", "--json"]));
+    let inspected = printed_json(here, &["weights", "inspect", "ours.safetensors", "--json"]);
     assert_eq!((&inspected["what"]["kind"], &inspected["what"]["model"]), (&json!("atsplat"), &json!("tiny")));
     assert_eq!((&inspected["sha256"], &inspected["tensors"]), (&json!(hash), &json!(truth().tensors.len())));
 
@@ -131,7 +126,7 @@ fn precisions_have_their_documented_error() {
                 assert!(within, "{precision} {name}: {found} for {wanted}");
             }
         }
-        bytes.push(json_of(&succeed(here, &["weights", "inspect", &out, "--json"]))["bytes"].as_u64().unwrap());
+        bytes.push(printed_json(here, &["weights", "inspect", &out, "--json"])["bytes"].as_u64().unwrap());
     }
     assert_eq!((bytes[1] * 2, bytes[2] * 2), (bytes[0], bytes[0]));
 }
@@ -345,14 +340,14 @@ fn recognises_and_joins_a_backbone() {
     let trained: Vec<_> = parameters(&config).into_iter().filter(|parameter| parameter.trained).collect();
     generated(&trained, 1).write(&here.join("trained.safetensors")).unwrap();
 
-    let inspected = json_of(&succeed(here, &["weights", "inspect", dino, "--json"]));
+    let inspected = printed_json(here, &["weights", "inspect", dino, "--json"]);
     assert_eq!((&inspected["what"]["size"], &inspected["what"]["registers"]), (&json!("small"), &json!(false)));
     assert!(inspected["known"]["what"].as_str().unwrap().contains("saliency"), "{inspected}");
     let text = succeed(here, &["weights", "verify", dino, "--model", "small.toml"]);
     assert!(text.contains("as expected") && text.contains("fits the model tiny"), "{text}");
     let frozen = parameters(&config).len() - trained.len();
     for model in [&[][..], &["--model", "small.toml"]] {
-        let verified = json_of(&succeed(here, &[&["weights", "verify", dino, "--json"], model].concat()));
+        let verified = printed_json(here, &[&["weights", "verify", dino, "--json"], model].concat());
         assert_eq!(verified["parameters"], frozen);
     }
     atsplat(here, &["weights", "verify", dino, "--model", "paper-re10k"]).says(1, "expected [768");

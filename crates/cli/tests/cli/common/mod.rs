@@ -6,6 +6,8 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
+
 /// A file of Gaussians.
 pub(crate) const SCENE: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
@@ -44,6 +46,19 @@ pub(crate) fn succeed(folder: &Path, args: &[&str]) -> String {
     let outcome = atsplat(folder, args);
     assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
     outcome.stdout
+}
+
+pub(crate) fn json_of(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// What [`succeed`] returns, as JSON.
+pub(crate) fn printed_json(folder: &Path, args: &[&str]) -> Value {
+    json_of(&succeed(folder, args))
+}
+
+pub(crate) fn read_json(path: &Path) -> Value {
+    json_of(&std::fs::read_to_string(path).unwrap())
 }
 
 /// Starts `atsplat` in `folder`, and waits until it has written `file` there; it must not end before.

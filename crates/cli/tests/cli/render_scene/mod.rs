@@ -9,7 +9,7 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{RenderOptions, Rendering, View, files};
 use serde_json::Value;
 
-use crate::common::write_trajectory;
+use crate::common::{read_json, write_trajectory};
 
 /// A few Gaussians that an independent script wrote.
 pub(crate) fn fixture(name: &str) -> PathBuf {
@@ -52,12 +52,8 @@ pub(crate) fn folder() -> tempfile::TempDir {
     folder
 }
 
-pub(crate) fn json_of(text: &str) -> Value {
-    serde_json::from_str(text).unwrap()
-}
-
 pub(crate) fn record(folder: &Path) -> Value {
-    json_of(&fs::read_to_string(folder.join("render.json")).unwrap())
+    read_json(&folder.join("render.json"))
 }
 
 /// Every file of a folder, by name.
