@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use crate::common::{atsplat, json_of, printed_json, succeed};
-use atsplat_results::times::{Load, Machine, TimingRow};
-use atsplat_results::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow,
-    TrialStatus,
-};
+use atsplat_results::times::TimingRow;
+use atsplat_results::{MethodRecord, PresetRecord, Results, TargetStatus, TrialKey, TrialRow};
+use sample_rows::{PRESET, results, timing};
+
+#[path = "../../../results/src/sample_rows.rs"]
+mod sample_rows;
 
 /// Two methods on six scenes of two targets; `shift` is added to every PSNR of the first.
 fn store(path: &Path, shift: f64) {
@@ -16,99 +17,30 @@ fn store(path: &Path, shift: f64) {
 
 /// As [`store`], with a change before it is written.
 fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
-    let mut results = Results {
-        provenance: Provenance {
-            processor: "some".to_owned(),
-            presets: vec![PresetRecord {
-                name: "p".to_owned(),
-                hash: "h".to_owned(),
-                toml: atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned(),
-                ..PresetRecord::default()
-            }],
-            metrics: vec![MetricRecord { id: "psnr".to_owned(), ..MetricRecord::default() }],
-            ..Provenance::default()
-        },
-        ..Results::default()
-    };
+    let scenes: Vec<String> = (0..6).map(|scene| format!("scene {scene}")).collect();
+    let mut store = Results::default();
+    "some".clone_into(&mut store.provenance.processor);
+    store.provenance.presets.push(PresetRecord {
+        name: PRESET.to_owned(),
+        hash: "h".to_owned(),
+        toml: atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned(),
+        ..PresetRecord::default()
+    });
     for (method, score, secs, gaussians) in [("fine", 25.0 + shift, 0.4, 40_000), ("coarse", 23.0, 0.1, 10_000)] {
-        let deterministic = true;
-        results.provenance.methods.push(MethodRecord {
-            name: method.to_owned(),
-            deterministic,
-            ..MethodRecord::default()
-        });
-        results.timings.push(TimingRow {
-            key: TrialKey { preset: "p".to_owned(), method: method.to_owned(), scene: "scene 0".to_owned(), entry: 0 },
-            trial_hash: "trial 0".to_owned(),
-            machine: Machine { processor: "some".to_owned(), platform: "linux".to_owned(), cpus: 2, threads: 2 },
-            network_adapter: None,
-            renderer_adapter: None,
-            started: 1,
-            trials_there: 6,
-            warm_up: 1,
-            encode: vec![secs; 5],
-            render: vec![0.01; 5],
-            stages: [].into(),
-            held_bytes: None,
-            peak_bytes: None,
-            load: Load::default(),
-            detail: None,
-        });
-        for scene in 0..6u32 {
-            let key = TrialKey {
-                preset: "p".to_owned(),
-                method: method.to_owned(),
-                scene: format!("scene {scene}"),
-                entry: 0,
-            };
-            results.trials.push(TrialRow {
-                key: key.clone(),
-                trial_hash: format!("trial {scene}"),
-                pose_hash: "poses".to_owned(),
-                data_hash: None,
-                input_hash: None,
-                status: TrialStatus::Done,
-                detail: None,
-                context: vec![0, 9],
-                context_hashes: [0, 9].map(|frame| format!("image {scene} {frame}")).to_vec(),
-                targets: 2,
-                overlap: None,
-                width: 8,
-                height: 8,
-                initial_tokens: None,
-                final_tokens: None,
-                gaussians: Some(gaussians),
-                gaussians_drawn: None,
-                context_psnr: None,
-                peak_bytes: None,
-                network_adapter: None,
-                renderer_adapter: None,
-                effects: vec![],
-                notes: vec![],
-            });
-            results.targets.extend((0..2).map(|target| TargetRow {
-                key: key.clone(),
-                target,
-                frame: target.into(),
-                signed_distance: 0,
-                leaked: false,
-                overlap: None,
-                width: 8,
-                height: 8,
-                truth_hash: Some("truth".to_owned()),
-                render_hash: Some(format!("render {score}")),
-                status: TargetStatus::Scored,
-                detail: None,
-                non_finite: 0,
-                scores: [("psnr".to_owned(), score + f64::from(scene + target))].into(),
-                not_computed: [].into(),
-            }));
-        }
+        let of_scene = |at: u32| [at, at + 1].map(|more| score + f64::from(more)).to_vec();
+        let rows: Vec<_> = scenes.iter().zip(0..).map(|(scene, at)| (scene.as_str(), 0, of_scene(at))).collect();
+        let run = results(method, "psnr", &rows);
+        let record = MethodRecord { name: method.to_owned(), deterministic: true, ..MethodRecord::default() };
+        store.provenance.methods.push(record);
+        store.provenance.metrics = run.provenance.metrics;
+        store.trials.extend(run.trials.into_iter().map(|row| TrialRow { gaussians: Some(gaussians), ..row }));
+        store.targets.extend(run.targets);
+        store.timings.push(TimingRow { trials_there: 6, ..timing(method, "scene 0", &[secs; 5], &[0.01; 5]) });
     }
-    results.trials.sort_by(|a, b| a.key.cmp(&b.key));
-    results.targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
-    change(&mut results);
-    results.write(path).unwrap();
+    store.trials.sort_by(|a, b| a.key.cmp(&b.key));
+    store.targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
+    change(&mut store);
+    store.write(path).unwrap();
 }
 
 #[test]
@@ -203,7 +135,7 @@ fn distinguishes_changed_data_losses_and_missing_numbers() {
     });
     let outcome = atsplat(at, &["drift", "blurred", "--baseline", "quick.json"]);
     assert_eq!(outcome.code, 3, "{}", outcome.stdout);
-    for part in ["p: scene scene 3, frame 9 (context)", "The first change is in the data: "] {
+    for part in ["sampled: scene scene 3, frame 9 (context)", "The first change is in the data: "] {
         assert!(outcome.stdout.contains(part), "{part}: {}", outcome.stdout);
     }
     store(&at.join("worse"), -0.125);
@@ -240,10 +172,10 @@ fn github_gets_an_annotation_and_a_summary() {
     std::fs::write(&summary, "of another command\n").unwrap();
     let (code, said) = github("now", &summary);
     assert!(code == Some(3) && said.starts_with("::error file=quick.json,title="), "{said}");
-    assert!(said.contains("psnr of fine under p: was ") && said.contains(" (-0.125 dB)"), "{said}");
+    assert!(said.contains("psnr of fine under sampled: was ") && said.contains(" (-0.125 dB)"), "{said}");
     let text = std::fs::read_to_string(&summary).unwrap();
     assert!(text.starts_with("of another command\n### Drift: DRIFTED\n"), "{text}");
-    assert!(text.contains("| p | fine | psnr |") && !text.contains("coarse"), "{text}");
+    assert!(text.contains("| sampled | fine | psnr |") && !text.contains("coarse"), "{text}");
     let (code, said) = github("then", &summary);
     assert!(code == Some(0) && said.is_empty(), "{said}");
     let (code, said) = github("now", at);
@@ -265,7 +197,11 @@ fn only_complete_results_are_accepted_strictly() {
     };
     let refused = accept("broken");
     assert!(refused.code == 4 && !at.join("b.json").exists(), "{}", refused.stderr);
-    assert!(refused.stderr.contains("broken: p: 1 target of coarse has NaN or infinite samples"), "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("broken: sampled: 1 target of coarse has NaN or infinite samples"),
+        "{}",
+        refused.stderr
+    );
     assert_eq!(accept("whole").code, 0);
 }
 
@@ -282,7 +218,7 @@ fn plots_the_history_over_acceptances() {
     let outcome = atsplat(at, &args);
     assert_eq!(outcome.code, 3, "{}", outcome.stderr);
     let svg = std::fs::read_to_string(at.join("plots/psnr.svg")).unwrap();
-    for text in ["fine on p; 3 runs; now: drifted", "+0.500 dB: a better decoder", "−0.250 dB"] {
+    for text in ["fine on sampled; 3 runs; now: drifted", "+0.500 dB: a better decoder", "−0.250 dB"] {
         assert!(svg.contains(text), "{text}: {svg}");
     }
     assert!(!svg.contains("the first numbers"), "nothing moved then");
@@ -292,7 +228,7 @@ fn plots_the_history_over_acceptances() {
     // A plot that cannot be drawn hides no drift; without drift, it is an error.
     let renamed = atsplat(at, &[&args[..], &["--method", "other"]].concat());
     assert!(renamed.code == 3 && renamed.stdout.contains("DRIFTED"), "{}: {}", renamed.code, renamed.stdout);
-    assert!(renamed.stderr.contains("warning: --history: ") && renamed.stderr.contains("psnr of fine under p"));
+    assert!(renamed.stderr.contains("warning: --history: ") && renamed.stderr.contains("psnr of fine under sampled"));
     let calm = atsplat(at, &["drift", "b", "--baseline", "quick.json", "--history", "c.svg", "--method", "other"]);
     assert!(calm.code == 1 && calm.stdout.contains("Verdict: same"), "{}: {}", calm.code, calm.stdout);
     assert!(!at.join("c.svg").exists());
@@ -321,11 +257,11 @@ fn a_lost_render_has_a_cause_and_is_drift_in_the_plot() {
     let detail = "scene 3 0 frame 0: was scored, is now failed: no file for frame 0 of scene scene 3";
     assert!(change["detail"].as_str().unwrap().ends_with(detail), "{change}");
     let coarse = std::fs::read_to_string(at.join("coarse.svg")).unwrap();
-    assert!(coarse.contains("coarse on p; 2 runs; now: drifted"), "{coarse}");
+    assert!(coarse.contains("coarse on sampled; 2 runs; now: drifted"), "{coarse}");
     assert!(coarse.contains("drift, and what moved the number"), "{coarse}");
     assert_eq!(atsplat(at, &[&args[..], &["fine.svg", "--method", "fine"]].concat()).code, 3);
     let fine = std::fs::read_to_string(at.join("fine.svg")).unwrap();
-    assert!(fine.contains("fine on p; 2 runs; now: drifted, but not in this number"), "{fine}");
+    assert!(fine.contains("fine on sampled; 2 runs; now: drifted, but not in this number"), "{fine}");
     assert!(!fine.contains("drift, and what moved the number"), "{fine}");
 }
 
@@ -369,7 +305,12 @@ fn limits_come_from_repetitions_of_the_run_alone() {
     store(&at.join("calm"), 0.0);
     for (store, repeats, code, message) in [
         ("then", &["again", "killed"][..], 1, "killed: expected a finished run, found a store is not done: 5 of 6"),
-        ("then", &["limited"], 1, "limited: expected a repetition of the run, found preset p, entries: 2 instead of 6"),
+        (
+            "then",
+            &["limited"],
+            1,
+            "limited: expected a repetition of the run, found preset sampled, entries: 2 instead of 6",
+        ),
         ("then", &["trained"], 1, "trained: expected a repetition of the run, found method fine, weights-sha256"),
         ("then", &["./then"], 1, "--repeat ./then is the same store as then"),
         ("then", &["again", "again/"], 1, "--repeat again/ is the same store as again"),
@@ -464,7 +405,7 @@ fn a_limit_is_stated_once_for_a_metric_and_stays() {
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
         outcome.stdout
     };
-    let stated = "p, fine: psnr may vary by 0.05 dB, as stated\n";
+    let stated = "sampled, fine: psnr may vary by 0.05 dB, as stated\n";
     for (more, is_stated) in
         [(&["--limit", "psnr=0.05"][..], true), (&[][..], true), (&["--repeat", "again"][..], false), (&[][..], false)]
     {
