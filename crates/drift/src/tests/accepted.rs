@@ -6,7 +6,7 @@ use super::*;
 
 /// What accepting results after others prints.
 fn said(then: &Results, now: &Results) -> String {
-    let before = Baseline::new(then, &[], acceptance("first"));
+    let before = baseline_of(then);
     let report = compare(now, &before);
     let baseline = before.accept(now, &[], acceptance("second"));
     let path = std::path::Path::new("b.json");
@@ -31,9 +31,7 @@ fn targets_that_a_new_baseline_lacks_are_named_and_move_no_number() {
     let more = said(&part, &whole);
     assert!(!more.contains("warning") && more.contains("\nnumbers moved; "), "{more}");
     let mut other = whole.clone();
-    for key in other.trials.iter_mut().map(|row| &mut row.key).chain(other.targets.iter_mut().map(|row| &mut row.key)) {
-        key.method = "n".to_owned();
-    }
+    keys(&mut other).for_each(|key| key.method = "n".to_owned());
     let other = said(&whole, &other);
     assert!(other.contains("m: 18 targets of the old baseline are no longer guarded"), "{other}");
     assert!(other.contains("\nthe old baseline contains none of these numbers; "), "{other}");

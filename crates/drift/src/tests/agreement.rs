@@ -7,7 +7,7 @@ use super::*;
 fn error_after(change: impl Fn(&mut Value)) -> Option<String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("b.json");
-    let first = Baseline::new(&store(true, 4, 0.3, 1), &[], acceptance("first"));
+    let first = baseline_of(&store(true, 4, 0.3, 1));
     first.accept(&store(true, 4, 0.3, 2), &[], acceptance("second")).write(&path).unwrap();
     let mut file: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     change(&mut file);

@@ -10,7 +10,7 @@ fn baseline_files_are_exact_and_keep_the_history() {
     let mut base = store(true, 4, 0.3, 1);
     base.targets[5].status = TargetStatus::NonFinite;
     base.targets[5].scores.clear();
-    let first = Baseline::new(&base, &[], acceptance("first"));
+    let first = baseline_of(&base);
     let second = first.accept(&store(true, 4, 0.3, 2), &[], acceptance("a better filter"));
     second.write(&path).unwrap();
     assert_eq!(Baseline::read(&path).unwrap(), second);
@@ -116,7 +116,7 @@ fn a_stage_without_values_has_a_fingerprint_that_can_be_read() {
     outputs.scores.iter_mut().for_each(std::collections::BTreeMap::clear);
     let fingerprint = outputs.fingerprints().pop().unwrap();
     assert_eq!((fingerprint.values, fingerprint.min, fingerprint.mean, fingerprint.max), (0, None, None, None));
-    let baseline = Baseline::new(&store(true, 4, 0.3, 1), &[], acceptance("first"));
+    let baseline = baseline_of(&store(true, 4, 0.3, 1));
     let (baseline, values) = baseline.with_probe(Recipe::default(), &outputs).unwrap();
     baseline.write_with_probe(&path, &values).unwrap();
     let read = Baseline::read(&path).unwrap();
@@ -132,7 +132,7 @@ fn probed_twice() -> ([(Baseline, Vec<u8>); 2], Outputs) {
     others.inputs.files[0].push(0);
     assert_eq!(others.fingerprints(), outputs.fingerprints());
     let both = [&outputs, &others].map(|outputs| {
-        let baseline = Baseline::new(&store(true, 4, 0.3, 1), &[], acceptance("first"));
+        let baseline = baseline_of(&store(true, 4, 0.3, 1));
         baseline.with_probe(Recipe::default(), outputs).unwrap()
     });
     (both, outputs)

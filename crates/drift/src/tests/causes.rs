@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn means_are_those_of_tables_where_renders_are_identical_to_the_truth() {
     let mut base = store(true, 12, 0.0, 1);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     for row in &mut base.targets[..2] {
         (row.status, row.scores) = (TargetStatus::Identical, std::collections::BTreeMap::new());
     }
@@ -46,7 +46,7 @@ fn renders_that_are_all_identical_to_the_truth_stay_the_same() {
     for row in &mut base.targets {
         (row.status, row.scores) = (TargetStatus::Identical, [("ssim".to_owned(), 1.0)].into());
     }
-    let report = compare(&base, &Baseline::new(&base, &[], acceptance("first")));
+    let report = compare(&base, &baseline_of(&base));
     assert_eq!((report.verdict, report.comparisons[0].identical), (DriftVerdict::Same, 36), "{report}");
 }
 
@@ -64,7 +64,7 @@ fn a_metric_with_other_weights_is_named_as_the_cause() {
         run.provenance.metrics.push(record);
         run
     };
-    let baseline = Baseline::new(&with("a", 0.0, 0.0), &[], acceptance("first"));
+    let baseline = baseline_of(&with("a", 0.0, 0.0));
     let unchanged = probe::Attribution { stages: Vec::new(), metrics: Vec::new() };
     let said = |run: &Results| compare(run, &baseline).with_attribution(unchanged.clone()).to_string();
     let (cause, elsewhere) = ("the weights file of lpips is not the baseline's", "the method's files");
@@ -105,7 +105,7 @@ fn an_acceptance_names_metrics_whose_weights_are_not_the_published_ones() {
 fn an_acceptance_warns_of_limits_that_hide_changes() {
     let run = |by: f64| {
         let mut base = store(false, 6, 0.0, 1);
-        base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+        shift(&mut base, by);
         base
     };
     let text = |by: f64| summary(&run(0.0), &[run(by)]);

@@ -24,7 +24,7 @@ fn base() -> Results {
 
 /// A change that also moves a number, against a baseline that may be of an older version.
 fn report_of(change: fn(&mut Results), of_older_version: bool) -> DriftReport {
-    let mut baseline = Baseline::new(&base(), &[], acceptance("first"));
+    let mut baseline = baseline_of(&base());
     for trial in baseline.trials.iter_mut().filter(|_| of_older_version) {
         (trial.context, trial.data_hash) = (None, None);
     }
@@ -194,7 +194,7 @@ fn an_older_baseline_blames_no_index_for_what_the_preset_changed() {
         ),
     ];
     for (change, cause) in changes {
-        let mut baseline = Baseline::new(&base(), &[], acceptance("first"));
+        let mut baseline = baseline_of(&base());
         baseline.trials.iter_mut().for_each(|trial| (trial.context, trial.data_hash) = (None, None));
         let mut now = base();
         change(&mut now);
@@ -215,7 +215,7 @@ fn entries_that_were_not_run_are_not_missing_from_the_index() {
         (record.entries, record.entries_of_index) = (entries, 6);
         results
     };
-    let baseline = Baseline::new(&with(6), &[], acceptance("first"));
+    let baseline = baseline_of(&with(6));
     let under_another_file = |entries: u64| {
         let mut now = with(entries);
         now.provenance.presets[0].index_sha256 = "another".to_owned();
@@ -246,7 +246,7 @@ fn an_index_of_another_length_names_the_first_entry_of_one_run_alone() {
         (&short, &long, "24 entries of the index instead of 22; of those that were run, scene 002 0 is new"),
     ];
     for (then, now, example) in cases {
-        let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
+        let report = compare(now, &baseline_of(then));
         let finding = report.findings.iter().find(|finding| finding.kind == FindingKind::Index).unwrap();
         assert_eq!((finding.count, finding.example.as_str()), (2, example), "{report}");
         assert_eq!(found(&report), [(Cause::Index, format!("sampled, {example}").as_str())], "{report}");
@@ -258,7 +258,7 @@ type IndexChange = (fn(&mut Results), &'static str);
 
 #[test]
 fn a_new_file_of_the_same_entries_is_not_drift() {
-    let baseline = Baseline::new(&base(), &[], acceptance("first"));
+    let baseline = baseline_of(&base());
     let against = |change: fn(&mut Results)| {
         let mut now = base();
         now.provenance.presets[0].index_sha256 = "another".to_owned();
@@ -296,17 +296,15 @@ fn a_new_file_of_the_same_entries_is_not_drift() {
 /// The baseline of another preset, and of another method.
 #[test]
 fn without_a_common_target_nothing_was_compared() {
-    let baseline = Baseline::new(&base(), &[], acceptance("first"));
+    let baseline = baseline_of(&base());
     let renames: [fn(&mut Results, &str); 2] = [
         |now, name| {
             now.provenance.presets[0].name = name.to_owned();
-            now.trials.iter_mut().for_each(|row| row.key.preset = name.to_owned());
-            now.targets.iter_mut().for_each(|row| row.key.preset = name.to_owned());
+            keys(now).for_each(|key| key.preset = name.to_owned());
         },
         |now, name| {
             now.provenance.methods[0].name = name.to_owned();
-            now.trials.iter_mut().for_each(|row| row.key.method = name.to_owned());
-            now.targets.iter_mut().for_each(|row| row.key.method = name.to_owned());
+            keys(now).for_each(|key| key.method = name.to_owned());
         },
     ];
     for rename in renames {
@@ -342,7 +340,7 @@ fn a_method_of_one_run_alone_is_one_difference() {
     let method = MethodRecord { name: "n".to_owned(), parameters: parameters.into(), ..MethodRecord::default() };
     two.provenance.methods.push(method);
     let differences = |then: &Results, now: &Results| {
-        let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
+        let report = compare(now, &baseline_of(then));
         report.differences.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     assert_eq!(differences(&one, &two), ["method n: was absent, is now present"]);
@@ -365,7 +363,7 @@ fn a_protocol_in_the_words_of_an_older_version_has_the_fields_of_this_one() {
     }
     let mut now = base();
     set_preset(&mut now, |preset| preset.renderer.dilation = 0.1);
-    let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+    let report = compare(&now, &baseline_of(&then));
     let whats: Vec<String> = report.differences.iter().map(Difference::what).collect();
     assert_eq!(whats, ["hash", "renderer.dilation"].map(|field| format!("preset {PRESET}, {field}")));
 }
@@ -373,7 +371,7 @@ fn a_protocol_in_the_words_of_an_older_version_has_the_fields_of_this_one() {
 /// Its fields are unknown; they are not all different.
 #[test]
 fn a_protocol_that_is_no_toml_is_the_difference() {
-    let baseline = Baseline::new(&base(), &[], acceptance("first"));
+    let baseline = baseline_of(&base());
     let mut now = base();
     let record = &mut now.provenance.presets[0];
     (record.hash, record.toml) = ("other".to_owned(), "views = [".to_owned());
@@ -393,7 +391,7 @@ fn a_protocol_that_is_no_toml_is_the_difference() {
 fn the_counts_that_differ_are_named_with_both_values() {
     let mut base = store(true, 4, 0.0, 1);
     (base.trials[1].gaussians, base.trials[1].final_tokens) = (Some(23_040), Some(1440));
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     let example = |gaussians: Option<u64>, final_tokens: Option<u64>| {
         let mut now = base.clone();
         (now.trials[1].gaussians, now.trials[1].final_tokens) = (gaussians, final_tokens);
@@ -426,7 +424,7 @@ fn a_mean_number_of_gaussians_beyond_its_limit_is_drift_on_every_basis() {
         if basis == Basis::Bound {
             now.provenance.processor = "another".to_owned();
         }
-        let report = compare(&now, &Baseline::new(&base, &[], acceptance("first")));
+        let report = compare(&now, &baseline_of(&base));
         assert_eq!(kinds(&report), [(FindingKind::Count, expected, 1)], "{basis:?} by {more}: {report}");
         let says_mean = report.findings[0].example.contains("; their mean number of Gaussians was 23000, is now ");
         assert_eq!(says_mean, basis != Basis::Exact && expected == DriftVerdict::Drifted, "{report}");
@@ -443,7 +441,7 @@ fn a_history_says_that_scenes_moved_where_the_mean_is_within_limits() {
             let by = if at < 3 { 0.6 } else { opposite };
             row.scores.values_mut().for_each(|score| *score += by);
         }
-        let baseline = Baseline::new(&base, &[], acceptance("first"));
+        let baseline = baseline_of(&base);
         let found = histories(&baseline, &compare(&now, &baseline)).remove(0);
         assert_eq!(found.verdict, DriftVerdict::Drifted);
         let why = found.runs[1].why.as_deref().unwrap();

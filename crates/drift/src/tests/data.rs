@@ -10,7 +10,7 @@ fn roles(image: &ChangedImage) -> Vec<&'static str> {
 #[test]
 fn a_changed_context_image_is_named_by_scene_and_frame() {
     let base = store(true, 6, 0.0, 1);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 has both roles.
     assert_eq!(compare(&base, &baseline).data, DataComparison { compared: 6 * 4, ..DataComparison::default() });
     let mut now = base.clone();
@@ -34,12 +34,9 @@ fn a_changed_context_image_is_named_by_scene_and_frame() {
 #[test]
 fn an_image_of_two_roles_and_several_methods_is_one_image() {
     let mut base = store(true, 2, 0.0, 1);
-    let mut other = base.clone();
-    other.trials.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    other.targets.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    base.trials.extend(other.trials);
-    base.targets.extend(other.targets);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let other = base.clone();
+    add_rows(&mut base, other, "n");
+    let baseline = baseline_of(&base);
     assert_eq!(baseline.images.len(), 2 * 4);
     let mut now = base.clone();
     for row in now.trials.iter_mut().filter(|row| row.key.scene == "scene 001") {
@@ -63,7 +60,7 @@ fn scenes_missing_on_one_side_are_not_changed_data() {
     fewer.trials.truncate(4);
     fewer.targets.truncate(4 * 3);
     for (then, now) in [(&all, &fewer), (&fewer, &all)] {
-        let found = compare(now, &Baseline::new(then, &[], acceptance("first"))).data;
+        let found = compare(now, &baseline_of(then)).data;
         assert_eq!(found, DataComparison { compared: 4 * 4, ..DataComparison::default() });
     }
 }
@@ -75,7 +72,7 @@ fn images_without_a_digest_are_counted_as_unknown() {
     let mut old = base.clone();
     old.trials.iter_mut().for_each(|row| row.context_hashes.clear());
     for (then, now) in [(&base, &old), (&old, &base)] {
-        let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
+        let report = compare(now, &baseline_of(then));
         assert_eq!(
             report.data,
             DataComparison { compared: 3 * 3, unknown: 3, ..DataComparison::default() },
@@ -85,7 +82,7 @@ fn images_without_a_digest_are_counted_as_unknown() {
     }
     let mut unknown = old.clone();
     unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
-    let report = compare(&unknown, &Baseline::new(&unknown, &[], acceptance("first")));
+    let report = compare(&unknown, &baseline_of(&unknown));
     assert_eq!((report.data.verdict(), report.first_change()), (StageVerdict::Empty, None));
     assert!(report.to_string().contains("No image of the dataset could be compared; no probe was run."), "{report}");
 }
@@ -95,7 +92,7 @@ fn an_older_format_without_images_has_those_of_its_targets() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.json");
     let base = store(true, 3, 0.0, 1);
-    Baseline::new(&base, &[], acceptance("first")).write(&path).unwrap();
+    baseline_of(&base).write(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap().replace("\"format\": 3", "\"format\": 2");
     let (head, rest) = text.split_once("  \"images\": [").unwrap();
     let (_, tail) = rest.split_once("],\n").unwrap();
@@ -127,7 +124,7 @@ pub(super) fn probed(changed: &[Stage]) -> Attribution {
 #[test]
 fn changed_images_are_attributed_to_data_unless_decoding_or_resizing_changed() {
     let base = store(true, 3, 0.0, 1);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     let mut now = base.clone();
     now.trials[0].context_hashes[1] = "other".to_owned();
     let first = |now: &Results, changed: &[Stage]| {
@@ -152,7 +149,7 @@ fn a_stage_without_values_is_not_the_same() {
     let base = store(true, 3, 0.0, 1);
     let mut attribution = probed(&[]);
     attribution.stages[4].verdict = StageVerdict::Empty;
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     let report = compare(&base, &baseline).with_attribution(attribution);
     assert_eq!((report.verdict, report.first_change()), (DriftVerdict::Nothing, None));
     assert!(report.to_string().contains("the probe had nothing to compare for: metric."), "{report}");

@@ -28,7 +28,7 @@ fn report(metric: &str, score: f64, basis: Basis, by: impl Fn(usize) -> f64) -> 
     if basis == Basis::Bound {
         now.provenance.processor = "another".to_owned();
     }
-    let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+    let report = compare(&now, &baseline_of(&then));
     assert_eq!((report.comparisons.len(), report.comparisons[0].basis), (1, basis), "{report}");
     report
 }
@@ -142,7 +142,7 @@ fn a_single_scene_is_judged_by_its_difference() {
             then.trials.truncate(1);
             let mut now = then.clone();
             now.targets.iter_mut().for_each(|row| *row.scores.get_mut("psnr").unwrap() += side * share * 0.01);
-            let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+            let report = compare(&now, &baseline_of(&then));
             assert!(report.comparisons[0].paired.as_ref().unwrap().interval.is_none());
             assert_eq!(report.verdict, expected, "{side} {share}: {report}");
         }
@@ -172,7 +172,7 @@ fn missing_rows_are_drift_and_do_not_affect_other_numbers() {
         for (metric, odd) in [("psnr", 5.0), ("psnr", 50.0), ("lpips", 0.01), ("lpips", 0.9)] {
             let mut then = constant(metric, if metric == "psnr" { 22.0 } else { 0.2 }, basis);
             then.targets[0].scores.values_mut().for_each(|score| *score = odd);
-            let baseline = Baseline::new(&then, &[], acceptance("first"));
+            let baseline = baseline_of(&then);
             let mut now = then.clone();
             now.targets.remove(0);
             if basis == Basis::Bound {
@@ -209,7 +209,7 @@ fn new_rows_are_reported_and_do_not_affect_numbers() {
             if basis == Basis::Bound {
                 now.provenance.processor = "another".to_owned();
             }
-            let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+            let report = compare(&now, &baseline_of(&then));
             assert_eq!(kinds(&report), [(FindingKind::New, DriftVerdict::Within, 2)], "{basis:?} {odd}");
             let [comparison] = &report.comparisons[..] else { panic!("{report}") };
             assert_eq!((report.verdict, comparison.verdict), (DriftVerdict::Within, DriftVerdict::Same), "{report}");

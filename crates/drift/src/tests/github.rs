@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn a_summary_lists_what_is_not_the_same() {
-    let baseline = Baseline::new(&moved(0.0), &[], acceptance("first"));
+    let baseline = baseline_of(&moved(0.0));
     let mut now = moved(0.0);
     now.targets[30].scores.values_mut().for_each(|score| *score -= 1.5);
     let text = compare(&now, &baseline).markdown();
@@ -22,7 +22,7 @@ fn a_summary_lists_what_is_not_the_same() {
 fn an_annotation_names_the_file_and_what_moved_in_one_line() {
     let mut then = moved(0.0);
     then.targets[4].truth_hash = Some("100 %".to_owned());
-    let baseline = Baseline::new(&then, &[], acceptance("first"));
+    let baseline = baseline_of(&then);
     assert_eq!(compare(&then, &baseline).annotation("b.json"), None);
     let mut now = moved(-0.25);
     now.targets[4].overlap = Some(0.5);
@@ -44,16 +44,13 @@ fn an_annotation_names_the_file_and_what_moved_in_one_line() {
 fn names_are_no_markup_in_a_summary() {
     let renamed = |status: TargetStatus| {
         let mut results = store(true, 2, 0.0, 1);
-        for key in results.trials.iter_mut().map(|row| &mut row.key) {
+        for key in keys(&mut results) {
             key.scene = key.scene.replace("scene 000", "<b>a*b|c\nd");
-        }
-        for row in &mut results.targets {
-            row.key.scene = row.key.scene.replace("scene 000", "<b>a*b|c\nd");
         }
         results.targets[0].status = status;
         results
     };
-    let baseline = Baseline::new(&renamed(TargetStatus::Scored), &[], acceptance("first"));
+    let baseline = baseline_of(&renamed(TargetStatus::Scored));
     let text = compare(&renamed(TargetStatus::Failed), &baseline).markdown();
     let item =
         "- DRIFTED: sampled, m: targets have another status: 1, such as &lt;b&gt;a\\*b\\|c d 0 frame 0: was scored";
@@ -65,18 +62,11 @@ fn names_are_no_markup_in_a_summary() {
 fn an_annotation_lists_ten_numbers_and_ten_changes() {
     let mut then = Results::default();
     for at in 0..11 {
-        let mut of_method = store(true, 1, 0.0, 1);
-        for key in of_method.trials.iter_mut().map(|row| &mut row.key) {
-            key.method = format!("m{at:02}");
-        }
-        for row in &mut of_method.targets {
-            row.key.method = format!("m{at:02}");
-        }
-        then.provenance = of_method.provenance;
-        then.trials.extend(of_method.trials);
-        then.targets.extend(of_method.targets);
+        let run = store(true, 1, 0.0, 1);
+        then.provenance = run.provenance.clone();
+        add_rows(&mut then, run, &format!("m{at:02}"));
     }
-    let baseline = Baseline::new(&then, &[], acceptance("first"));
+    let baseline = baseline_of(&then);
     let mut now = then.clone();
     for trial in &mut now.trials {
         trial.trial_hash = "another".to_owned();

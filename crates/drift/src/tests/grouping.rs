@@ -9,7 +9,7 @@ type Change = fn(&mut TargetRow);
 #[test]
 fn targets_that_tables_group_differently_are_drift() {
     let base = store(true, 4, 0.0, 1);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     let cases: [(Change, &str); 3] = [
         (|row| row.leaked = true, "leaked was false, is now true"),
         (|row| row.signed_distance = -2, "distance was 0, is now -2"),
@@ -26,7 +26,7 @@ fn targets_that_tables_group_differently_are_drift() {
             (DriftVerdict::Drifted, DriftVerdict::Same),
             "{report}"
         );
-        let back = compare(&base, &Baseline::new(&now, &[], acceptance("first")));
+        let back = compare(&base, &baseline_of(&now));
         assert_eq!(kinds(&back), [(FindingKind::Grouping, DriftVerdict::Drifted, 1)], "the other way round: {back}");
     }
 }
@@ -36,7 +36,7 @@ fn a_baseline_that_does_not_know_them_compares_none() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.json");
     let mut base = store(true, 4, 0.0, 1);
-    Baseline::new(&base, &[], acceptance("first")).write(&path).unwrap();
+    baseline_of(&base).write(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let grouping = ",\"grouping\":{\"leaked\":false,\"signed_distance\":0,\"overlap\":null}";
     assert_eq!(text.matches(grouping).count(), 12, "{text}");

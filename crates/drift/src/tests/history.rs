@@ -15,7 +15,7 @@ fn targets_that_a_run_lacks_move_no_number() {
     let is_left_out = |scene: &str| ["scene 000", "scene 005"].contains(&scene);
     part.trials.retain(|row| !is_left_out(&row.key.scene));
     part.targets.retain(|row| !is_left_out(&row.key.scene));
-    let baseline = Baseline::new(&whole, &[], acceptance("first"));
+    let baseline = baseline_of(&whole);
     let accepted = baseline.accept(&part, &[], acceptance("a part"));
     assert!((accepted.numbers[1].mean - accepted.numbers[0].mean).abs() > 0.1, "{:?}", accepted.numbers);
     let (checked, after) = (history_of(&baseline, &part), history_of(&accepted, &part));
@@ -26,7 +26,7 @@ fn targets_that_a_run_lacks_move_no_number() {
     }
     // The other way round, and moved by 0.25 dB.
     let mut more = whole.clone();
-    more.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += 0.25));
+    shift(&mut more, 0.25);
     let back = accepted.accept(&more, &[], acceptance("all of it"));
     let run = &history_of(&back, &more).runs[2];
     let [low, high] = run.limits.unwrap();
@@ -41,7 +41,7 @@ fn nothing_is_compared_across_an_acceptance_without_the_number() {
         run.targets.iter_mut().for_each(|row| row.scores.extend(lpips.map(|score| ("lpips".to_owned(), score))));
         run
     };
-    let first = Baseline::new(&with(Some(0.25)), &[], acceptance("first"));
+    let first = baseline_of(&with(Some(0.25)));
     let second = first.accept(&with(None), &[], acceptance("no weights"));
     let third = second.accept(&with(Some(0.5)), &[], acceptance("weights again"));
     let now = with(Some(0.5));
@@ -55,8 +55,7 @@ fn nothing_is_compared_across_an_acceptance_without_the_number() {
 /// As older versions wrote them.
 #[test]
 fn accepted_numbers_without_a_difference_are_compared_by_their_means() {
-    let mut baseline =
-        Baseline::new(&moved(0.0), &[], acceptance("first")).accept(&moved(0.5), &[], acceptance("second"));
+    let mut baseline = baseline_of(&moved(0.0)).accept(&moved(0.5), &[], acceptance("second"));
     assert_eq!(baseline.numbers[1].difference, Some(0.5));
     baseline.numbers.iter_mut().for_each(|number| number.difference = None);
     let text = serde_json::to_string(&baseline.numbers).unwrap();

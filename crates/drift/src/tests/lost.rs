@@ -6,7 +6,7 @@ use super::*;
 
 /// Compares, with a probe of which no stage changed.
 fn report(then: &Results, now: &Results) -> DriftReport {
-    compare(now, &Baseline::new(then, &[], acceptance("first"))).with_attribution(data::probed(&[]))
+    compare(now, &baseline_of(then)).with_attribution(data::probed(&[]))
 }
 
 fn found(report: &DriftReport) -> Vec<(Cause, &str)> {
@@ -88,7 +88,7 @@ fn a_lost_render_and_one_that_is_the_truth_have_a_cause() {
     assert!(detail.ends_with(&format!("{of_status}failed: no file for frame 1")), "{detail}");
     let said = "no stage of the probe changed. The cause is outside atsplat's pipeline: the method's files, ";
     assert!(report_of_lost.to_string().contains(said), "{report_of_lost}");
-    assert!(compare(&lost, &Baseline::new(&then, &[], acceptance("first"))).changes.is_empty(), "without a probe");
+    assert!(compare(&lost, &baseline_of(&then)).changes.is_empty(), "without a probe");
 
     let mut identical = then.clone();
     (identical.targets[7].status, identical.targets[7].scores) = (TargetStatus::Identical, [].into());
@@ -101,7 +101,7 @@ fn a_lost_render_and_one_that_is_the_truth_have_a_cause() {
 #[test]
 fn targets_are_lost_if_they_failed_or_were_requested_and_are_not_there() {
     let then = store(true, 4, 0.0, 1);
-    let baseline = Baseline::new(&then, &[], acceptance("first"));
+    let baseline = baseline_of(&then);
     let mut failed = then.clone();
     lose(&mut failed, 7);
     let of = format!("m on {PRESET}, scene \"scene 002\", entry 0, frame ");
@@ -133,11 +133,8 @@ fn targets_are_lost_if_they_failed_or_were_requested_and_are_not_there() {
 /// The methods `m` and `n`, of four scenes each.
 fn two() -> Results {
     let mut both = store(true, 4, 0.0, 1);
-    let mut other = both.clone();
-    other.trials.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    other.targets.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    both.trials.extend(other.trials);
-    both.targets.extend(other.targets);
+    let other = both.clone();
+    add_rows(&mut both, other, "n");
     let method = MethodRecord { name: "n".to_owned(), deterministic: true, ..MethodRecord::default() };
     both.provenance.methods.push(method);
     both
@@ -191,9 +188,7 @@ fn a_part_of_the_targets_is_not_blamed_on_the_method() {
     let [(Cause::Outside, detail)] = &found(&moved)[..] else { panic!("{moved}") };
     assert!(detail.ends_with(": the method's files, such as renders or weights, or its code"), "{detail}");
     // Another run says nothing about this one.
-    for key in part.trials.iter_mut().map(|row| &mut row.key).chain(part.targets.iter_mut().map(|row| &mut row.key)) {
-        key.preset = "other".to_owned();
-    }
+    keys(&mut part).for_each(|key| key.preset = "other".to_owned());
     part.provenance.presets[0].name = "other".to_owned();
     let nothing = report(&then, &part);
     assert_eq!((nothing.verdict, nothing.changes.len()), (DriftVerdict::Nothing, 0), "{nothing}");
@@ -223,7 +218,7 @@ fn a_metric_that_is_not_computed_any_more_is_named() {
 #[test]
 fn the_history_of_a_number_shows_what_its_method_lost() {
     let histories_of = |then: &Results, now: &Results| {
-        let baseline = Baseline::new(then, &[], acceptance("first"));
+        let baseline = baseline_of(then);
         histories(&baseline, &compare(now, &baseline))
     };
     let mut now = two();

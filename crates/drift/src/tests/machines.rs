@@ -16,7 +16,7 @@ fn another_driver_does_not_loosen_the_comparison() {
         run.provenance.adapter = Some(format!("a card (Vulkan), driver {driver}"));
         run
     };
-    let baseline = Baseline::new(&with(0.0, 1), &[], acceptance("first"));
+    let baseline = baseline_of(&with(0.0, 1));
     let report = compare(&with(5e-4, 2), &baseline);
     assert_eq!((report.verdict, report.comparisons[0].basis), (DriftVerdict::Drifted, Basis::Exact), "{report}");
     assert!(report.to_string().contains("adapter: was a card (Vulkan), driver 1, is now a card"), "{report}");
@@ -38,7 +38,7 @@ fn a_probe_is_judged_by_the_machine_that_ran_it() {
 
     let mut base = store(true, 4, 0.0, 1);
     (base.provenance.platform, base.provenance.processor) = (here.platform.clone(), here.processor.clone());
-    let (of_rows, _) = Baseline::new(&base, &[], acceptance("first")).with_probe(Recipe::default(), &outputs).unwrap();
+    let (of_rows, _) = baseline_of(&base).with_probe(Recipe::default(), &outputs).unwrap();
     let judged = |baseline: &Baseline| {
         let report = compare(&base, baseline);
         let report = report.with_probe(&pipeline, &outputs, baseline.was_probed_on(&here));

@@ -1,6 +1,6 @@
 use atsplat_files::date;
 use atsplat_numeric::{SplitMix64, Tolerance};
-use atsplat_results::{MethodRecord, MetricRecord, PresetRecord, Results, TargetStatus, TrialStatus};
+use atsplat_results::{MethodRecord, MetricRecord, PresetRecord, Results, TargetStatus, TrialKey, TrialStatus};
 
 use super::probe::{Inputs, Pipeline, Recipe, Stage, run};
 use super::*;
@@ -26,6 +26,11 @@ mod sample_rows;
 
 fn acceptance(reason: &str) -> Acceptance {
     Acceptance { date: date(0), reason: reason.to_owned(), atsplat: "0.1.0".to_owned(), commit: None }
+}
+
+/// A first baseline without repetitions.
+fn baseline_of(results: &Results) -> Baseline {
+    Baseline::new(results, &[], acceptance("first"))
 }
 
 /// Adds the record of the method `m`.
@@ -54,8 +59,26 @@ fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
 
 fn moved(by: f64) -> Results {
     let mut base = store(true, 12, 0.0, 1);
-    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+    shift(&mut base, by);
     base
+}
+
+/// Adds an amount to every score.
+fn shift(results: &mut Results, by: f64) {
+    results.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+}
+
+/// The keys of all rows of trials and targets.
+fn keys(results: &mut Results) -> impl Iterator<Item = &mut TrialKey> {
+    let of_trials = results.trials.iter_mut().map(|row| &mut row.key);
+    of_trials.chain(results.targets.iter_mut().map(|row| &mut row.key))
+}
+
+/// Adds the rows of a run as those of another method.
+fn add_rows(results: &mut Results, mut run: Results, method: &str) {
+    keys(&mut run).for_each(|key| key.method = method.to_owned());
+    results.trials.extend(run.trials);
+    results.targets.extend(run.targets);
 }
 
 /// What accepting results with these repetitions as the first baseline prints.
@@ -72,7 +95,7 @@ fn kinds(report: &DriftReport) -> Vec<(FindingKind, DriftVerdict, u64)> {
 #[test]
 fn equal_rows_are_the_same_in_any_order() {
     let base = store(true, 12, 0.0, 1);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     let mut again = base.clone();
     again.targets.reverse();
     again.trials.reverse();
@@ -122,7 +145,7 @@ fn a_method_that_fails_where_it_was_not_applicable_has_drifted() {
         }
         base
     };
-    let baseline = Baseline::new(&with([TrialStatus::Failed, TrialStatus::NotApplicable]), &[], acceptance("first"));
+    let baseline = baseline_of(&with([TrialStatus::Failed, TrialStatus::NotApplicable]));
     let findings = |second| compare(&with([TrialStatus::Failed, second]), &baseline).findings;
     assert!(findings(TrialStatus::NotApplicable).is_empty());
     let found = findings(TrialStatus::Failed).swap_remove(0);
@@ -133,7 +156,7 @@ fn a_method_that_fails_where_it_was_not_applicable_has_drifted() {
 #[test]
 fn a_single_bit_is_drift_for_deterministic_methods() {
     let base = store(true, 12, 0.0, 1);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     let mut now = base.clone();
     let score = now.targets[7].scores.get_mut("psnr").unwrap();
     *score = score.next_up();
@@ -150,7 +173,7 @@ fn a_single_bit_is_drift_for_deterministic_methods() {
 
 #[test]
 fn another_machine_is_compared_by_bound_and_limit() {
-    let baseline = Baseline::new(&store(true, 12, 0.0, 1), &[], acceptance("first"));
+    let baseline = baseline_of(&store(true, 12, 0.0, 1));
     let report = |by: f64| {
         let mut base = moved(by);
         base.provenance.processor = "another".to_owned();
@@ -171,7 +194,7 @@ fn another_machine_is_compared_by_bound_and_limit() {
 #[test]
 fn changes_other_than_scores_are_found() {
     let base = store(true, 4, 0.0, 1);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let baseline = baseline_of(&base);
     let mut now = base.clone();
     now.targets[0].truth_hash = Some("other".to_owned());
     now.targets[4].scores.insert("ssim".to_owned(), 0.5);
@@ -229,8 +252,8 @@ fn reports_have_human_readable_numbers() {
         [("configuration".to_owned(), json)].into_iter().collect()
     };
     base.provenance.methods[0].parameters = parameters(0.05);
-    let baseline = Baseline::new(&base, &[], acceptance("first"));
-    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 0.125));
+    let baseline = baseline_of(&base);
+    shift(&mut base, -0.125);
     base.provenance.methods[0].parameters = parameters(0.1);
     let report = compare(&base, &baseline).to_string();
     let limit = Limit {
@@ -285,7 +308,7 @@ fn noise_is_not_drift_and_a_shift_is() {
     for side in [-1.0, 1.0] {
         let mut shifted = run(30);
         let by = side * (2.0 * limit.limit + 0.3);
-        shifted.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+        shift(&mut shifted, by);
         assert!(compare(&shifted, &baseline).drifted(), "{by}");
     }
 }
@@ -308,7 +331,7 @@ fn results_without_scores_and_unfinished_runs_cannot_become_a_baseline() {
 fn every_acceptance_records_its_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
-    let first = Baseline::new(&moved(0.0), &[], acceptance("first"));
+    let first = baseline_of(&moved(0.0));
     let second = first.accept(&moved(0.5), &[], acceptance("a better filter"));
     let third = second.accept(&moved(0.5), &[], acceptance("a new machine"));
     let now = moved(0.25);
@@ -377,7 +400,7 @@ fn a_changed_number_is_traced_to_its_stage() {
         (base, outputs)
     };
     let (base, outputs) = rows(&pipeline);
-    let (accepted, values) = Baseline::new(&base, &[], acceptance("first")).with_probe(recipe, &outputs).unwrap();
+    let (accepted, values) = baseline_of(&base).with_probe(recipe, &outputs).unwrap();
     accepted.write_with_probe(&path, &values).unwrap();
 
     let baseline = Baseline::read(&path).unwrap();

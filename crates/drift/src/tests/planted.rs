@@ -98,7 +98,7 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
     let (recipe, inputs) = (Recipe::default(), inputs());
     let pipeline = Pipeline::of(&recipe).unwrap();
     let then = run(&pipeline, &inputs).unwrap();
-    let baseline = Baseline::new(&rows(&then), &[], acceptance("first"));
+    let baseline = baseline_of(&rows(&then));
     let report = |stage: Option<Stage>, amount: f32| {
         let planted = Planted { pipeline: &pipeline, stage, amount };
         let rows = match stage {
@@ -136,7 +136,7 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
 fn changed_files_are_reported_by_frame_and_not_attributed_to_a_stage() {
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
     let then = run(&pipeline, &inputs()).unwrap();
-    let baseline = Baseline::new(&rows(&then), &[], acceptance("first"));
+    let baseline = baseline_of(&rows(&then));
     for (views, frames) in [(&[0][..], &[4][..]), (&[1], &[9]), (&[2], &[6]), (&[0, 1, 2], &[4, 6, 9])] {
         let now = run(&pipeline, &other_files(&pipeline, views, 0.02)).unwrap();
         let report = compare(&rows(&now), &baseline).with_probe(&pipeline, &then, true);
@@ -175,7 +175,7 @@ impl Stages for Failing<'_> {
 fn a_stage_that_fails_where_it_did_not_for_the_baseline_has_changed() {
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
     let then = run(&pipeline, &inputs()).unwrap();
-    let same = compare(&rows(&then), &Baseline::new(&rows(&then), &[], acceptance("first")));
+    let same = compare(&rows(&then), &baseline_of(&rows(&then)));
     let report = same.clone().with_probe(&Failing(&pipeline), &then, true);
     assert_eq!((same.verdict, report.verdict), (DriftVerdict::Same, DriftVerdict::Drifted), "{report}");
     let said = report.to_string();

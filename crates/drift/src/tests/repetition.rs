@@ -93,17 +93,17 @@ fn the_limit_of_a_scene_is_four_times_the_largest_difference_of_one() {
         let report = compare(&change(5, by, 0.0), &baseline);
         assert_eq!(report.verdict, expected, "{by}: {report}");
     }
-    assert_eq!(Baseline::new(&change(0, 0.0, 0.0), &[], acceptance("first")).limits[0].scene, None, "one run");
+    assert_eq!(baseline_of(&change(0, 0.0, 0.0)).limits[0].scene, None, "one run");
 }
 
 /// Four scenes: stated limits apply to the mean, and to the mean of a scene at twice the root of their number.
 #[test]
 fn a_limit_can_be_stated() {
     let run = store(false, 4, 0.0, 1);
-    let stated = |limit| Baseline::new(&run, &[], acceptance("first")).with_limit("psnr", limit).unwrap();
+    let stated = |limit| baseline_of(&run).with_limit("psnr", limit).unwrap();
     let changed = |by: f64| {
         let mut now = run.clone();
-        now.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+        shift(&mut now, by);
         now
     };
     for (limit, by, expected) in [
@@ -125,12 +125,12 @@ fn a_limit_can_be_stated() {
     let replaced = stated(0.05).accept(&next, std::slice::from_ref(&repeated), acceptance("second"));
     assert_eq!(replaced.limits[0].origin, LimitOrigin::Estimated(2), "repeated runs show another");
     for limit in [0.0, -0.05, f64::NAN, f64::INFINITY] {
-        let error = Baseline::new(&run, &[], acceptance("first")).with_limit("psnr", limit).unwrap_err().to_string();
+        let error = baseline_of(&run).with_limit("psnr", limit).unwrap_err().to_string();
         assert!(error.starts_with("limit: expected a positive change of psnr, found "), "{error}");
     }
-    let unknown = Baseline::new(&run, &[], acceptance("first")).with_limit("ssim", 0.1).unwrap_err().to_string();
+    let unknown = baseline_of(&run).with_limit("ssim", 0.1).unwrap_err().to_string();
     assert!(unknown.contains("one of psnr") && unknown.contains("ssim"), "{unknown}");
-    let exact = Baseline::new(&store(true, 4, 0.0, 1), &[], acceptance("first")).with_limit("psnr", 0.1).unwrap_err();
+    let exact = baseline_of(&store(true, 4, 0.0, 1)).with_limit("psnr", 0.1).unwrap_err();
     assert!(exact.to_string().contains("not deterministic"), "{exact}");
 }
 
@@ -138,7 +138,7 @@ fn a_limit_can_be_stated() {
 #[test]
 fn the_history_has_the_limits_that_were_stated() {
     let run = store(false, 4, 0.0, 1);
-    let first = Baseline::new(&run, &[], acceptance("first")).with_limit("psnr", 0.05).unwrap();
+    let first = baseline_of(&run).with_limit("psnr", 0.05).unwrap();
     let second = first.accept(&run, &[], acceptance("second")).with_limit("psnr", 0.5).unwrap();
     let limits: Vec<_> = second.numbers.iter().map(|number| number.limit).collect();
     assert_eq!(limits, [Some(0.05), Some(0.5)]);
@@ -169,12 +169,9 @@ fn limits_of_repeated_runs_stay_until_others_are_repeated() {
 
 /// The rows of `m` after a change, and those of another method, `n`, without it.
 fn with_other_method(mut results: Results, change: fn(&mut Results)) -> Results {
-    let mut other = results.clone();
+    let other = results.clone();
     change(&mut results);
-    other.trials.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    other.targets.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    results.trials.extend(other.trials);
-    results.targets.extend(other.targets);
+    add_rows(&mut results, other, "n");
     results.provenance.methods.push(MethodRecord { name: "n".to_owned(), ..MethodRecord::default() });
     results
 }
