@@ -1,18 +1,18 @@
 //! The plots of time and Gaussians, and of what they buy.
 
-use atsplat_results::tradeoff::Standing;
+use atsplat_results::tradeoff::{Axis, Standing};
 
 use super::{SYNTHETIC, around, metric};
 use crate::plot::{
-    CostAxis, EffectCostRow, EffectCosts, Estimate, Frontier, FrontierPoint, Frontiers, KPoint, KScaling,
-    OptimisationCurves, OptimisationPanel, OptimisationPoint, Origin, StageTime, StageTimeRow,
+    EffectCostRow, EffectCosts, Estimate, FrontierPoint, Frontiers, KPoint, KScaling, OptimisationCurves,
+    OptimisationPanel, OptimisationPoint, Origin, StageTime, StageTimeRow,
 };
 
 pub(super) fn frontiers() -> Frontiers {
     let standing = |at: usize| [Standing::Frontier, Standing::Worse, Standing::NotDistinguishable][at % 3];
     let panel = |cost| {
-        let mut points: Vec<FrontierPoint> =
-            frontier(cost).points.into_iter().filter(|point| point.origin == Origin::Measured).collect();
+        let points = frontier(cost).panels.into_iter().flat_map(|(_, points)| points);
+        let mut points: Vec<FrontierPoint> = points.filter(|point| point.origin == Origin::Measured).collect();
         points.iter_mut().enumerate().for_each(|(at, point)| point.standing = Some(standing(at)));
         (cost, points)
     };
@@ -22,13 +22,13 @@ pub(super) fn frontiers() -> Frontiers {
             "RealEstate10K, 2 views, 256×256; {SYNTHETIC}; timed on a machine with a long name, 2 threads on 2 logical processors"
         ),
         quality: metric("psnr"),
-        panels: vec![panel(CostAxis::Seconds), panel(CostAxis::Gaussians)],
+        panels: vec![panel(Axis::Seconds), panel(Axis::Gaussians)],
         note: "Frontier against time: K = 4, then warp. Bold: on the frontier; ?: not distinguishable from it."
             .to_owned(),
     }
 }
 
-pub(super) fn frontier(cost: CostAxis) -> Frontier {
+pub(super) fn frontier(cost: Axis) -> Frontiers {
     let published = [
         ("PixelSplat", 131e3, 0.127, 25.89),
         ("MVSplat", 131e3, 0.044, 26.39),
@@ -45,8 +45,8 @@ pub(super) fn frontier(cost: CostAxis) -> Frontier {
         ("warp", 131_072.0, 0.012, 19.4),
     ];
     let place = |gaussians, secs| match cost {
-        CostAxis::Gaussians => gaussians,
-        CostAxis::Seconds => secs,
+        Axis::Gaussians => gaussians,
+        Axis::Seconds => secs,
     };
     let published = published.map(|(label, gaussians, secs, quality)| FrontierPoint {
         label: label.to_owned(),
@@ -61,20 +61,19 @@ pub(super) fn frontier(cost: CostAxis) -> Frontier {
     let measured = measured.map(|(label, gaussians, secs, quality)| FrontierPoint {
         label: label.to_owned(),
         cost: place(gaussians, secs),
-        spread: (cost == CostAxis::Seconds).then_some([0.9 * secs, 1.15 * secs]),
+        spread: (cost == Axis::Seconds).then_some([0.9 * secs, 1.15 * secs]),
         quality: around(quality, 0.4),
         origin: Origin::Measured,
         standing: None,
         ranked: true,
         highlighted: label == "K = 16",
     });
-    let what = if cost == CostAxis::Gaussians { "Gaussians" } else { "time" };
-    Frontier {
+    let what = if cost == Axis::Gaussians { "Gaussians" } else { "time" };
+    Frontiers {
         title: format!("Accuracy against {what}"),
         subtitle: format!("RealEstate10K, 2 views, 256×256; {SYNTHETIC}"),
-        cost,
         quality: metric("psnr"),
-        points: published.into_iter().chain(measured).collect(),
+        panels: vec![(cost, published.into_iter().chain(measured).collect())],
         note: String::new(),
     }
 }

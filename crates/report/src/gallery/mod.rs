@@ -8,13 +8,14 @@ mod odd;
 mod scores;
 
 use atsplat_metrics::definition;
+use atsplat_results::tradeoff::Axis;
 use costs::{effect_costs, frontier, frontiers, k_scaling, optimisation, stage_time};
 use distributions::{budget_histogram, estimators, histograms, learning_curve, overlap_histogram, scatter, stress};
 use images::{contact_sheet, strips, token_expansion, uncertainty};
 pub(crate) use odd::odd_gallery;
 use scores::{ablation, drift_history, extrapolation, overlap_bins, overlap_curves};
 
-use crate::plot::{CostAxis, Drawing, Estimate, QualityMetric};
+use crate::plot::{Drawing, Estimate, QualityMetric};
 
 const SYNTHETIC: &str = "synthetic data of 8 scenes";
 
@@ -23,8 +24,8 @@ pub(crate) fn gallery() -> Vec<(&'static str, Drawing)> {
     vec![
         ("frontiers", frontiers().draw()),
         ("optimisation", optimisation().draw()),
-        ("frontier-gaussians", frontier(CostAxis::Gaussians).draw()),
-        ("frontier-seconds", frontier(CostAxis::Seconds).draw()),
+        ("frontier-gaussians", frontier(Axis::Gaussians).draw()),
+        ("frontier-seconds", frontier(Axis::Seconds).draw()),
         ("overlap-curves", overlap_curves().draw()),
         ("overlap-bins", overlap_bins().draw()),
         ("extrapolation", extrapolation().draw()),

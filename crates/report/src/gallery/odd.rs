@@ -1,23 +1,25 @@
 //! The plots with missing, broken, long or many values.
 
+use atsplat_results::tradeoff::Axis;
+
 use super::{
     ablation, around, budget_histogram, contact_sheet, drift_history, effect_costs, estimators, extrapolation,
     frontier, frontiers, histograms, k_scaling, optimisation, overlap_bins, overlap_curves, scatter, stage_time,
     strips, token_expansion, uncertainty,
 };
 use crate::plot::{
-    Ablation, BudgetHistogram, ContactSheet, CostAxis, Drawing, DriftHistory, EstimatorScatter, ExpansionStrips,
-    ExtrapolationDecay, Frontier, Frontiers, Histograms, KScaling, OptimisationCurves, OverlapBinMeans, OverlapSeries,
+    Ablation, BudgetHistogram, ContactSheet, Drawing, DriftHistory, EstimatorScatter, ExpansionStrips,
+    ExtrapolationDecay, Frontiers, Histograms, KScaling, OptimisationCurves, OverlapBinMeans, OverlapSeries,
     SceneScatter, StageTime, StressErrors, TokenExpansion, UncertaintyTriplets,
 };
 
 /// The same plots without data, with one point, with equal values and with overlong names.
 pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     let long = "a name that is much longer than any column, axis or margin that a plot could reserve for it ".repeat(3);
-    let mut one_point = frontier(CostAxis::Gaussians);
-    one_point.points.truncate(1);
-    let mut broken = frontier(CostAxis::Seconds);
-    broken.points.iter_mut().for_each(|point| point.quality.value = f64::NAN);
+    let mut one_point = frontier(Axis::Gaussians);
+    one_point.panels[0].1.truncate(1);
+    let mut broken = frontier(Axis::Seconds);
+    broken.panels[0].1.iter_mut().for_each(|point| point.quality.value = f64::NAN);
     let mut level = scatter();
     for panel in &mut level.panels {
         panel.points.iter_mut().for_each(|point| (point.x, point.y) = (1.0, 1.0));
@@ -67,7 +69,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     empty[0].series.clear();
     empty[1].series.iter_mut().for_each(|series| series.points.clear());
     vec![
-        ("no points", Frontier { points: Vec::new(), ..frontier(CostAxis::Gaussians) }.draw()),
+        ("no points", Frontiers { panels: vec![(Axis::Gaussians, Vec::new())], ..frontier(Axis::Gaussians) }.draw()),
         ("many panels", several.draw()),
         ("one curve", single.draw()),
         ("no panels", none.draw()),

@@ -1,4 +1,4 @@
-use atsplat_results::tradeoff::Standing;
+use atsplat_results::tradeoff::{Axis, Standing};
 
 use super::drawing::axes::{Axes, AxisText};
 use super::drawing::labels::Labels;
@@ -8,24 +8,7 @@ use super::drawing::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::drawing::theme::{COLOURS, GREY, MUTED};
 use crate::numbers::count_label;
 
-/// Quality against cost: every method as a point, the Pareto frontier as a step line.
-#[derive(Clone, Debug)]
-pub struct Frontier {
-    /// Title.
-    pub title: String,
-    /// Protocol, scenes, machine.
-    pub subtitle: String,
-    /// The kind of cost.
-    pub cost: CostAxis,
-    /// The metric.
-    pub quality: QualityMetric,
-    /// The methods; points without a positive cost are omitted.
-    pub points: Vec<FrontierPoint>,
-    /// Below the plot, after the meaning of its bars.
-    pub note: String,
-}
-
-/// Quality against several kinds of cost, side by side.
+/// Quality against one or several kinds of cost, side by side: every method as a point, the Pareto frontier as a step line.
 #[derive(Clone, Debug)]
 pub struct Frontiers {
     /// Title.
@@ -35,18 +18,9 @@ pub struct Frontiers {
     /// The metric.
     pub quality: QualityMetric,
     /// A panel per kind of cost; points without a positive cost are omitted.
-    pub panels: Vec<(CostAxis, Vec<FrontierPoint>)>,
+    pub panels: Vec<(Axis, Vec<FrontierPoint>)>,
     /// Below the panels, after the meaning of the bars: which methods are on the frontiers, and which have no point.
     pub note: String,
-}
-
-/// The kind of cost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CostAxis {
-    /// Seconds from context views to Gaussians.
-    Seconds,
-    /// Gaussians per scene.
-    Gaussians,
 }
 
 /// A method.
@@ -83,15 +57,6 @@ impl FrontierPoint {
     }
 }
 
-impl Frontier {
-    /// Draws it.
-    pub fn draw(&self) -> Drawing {
-        let panels = vec![(self.cost, self.points.clone())];
-        let (title, subtitle, note) = (self.title.clone(), self.subtitle.clone(), self.note.clone());
-        Frontiers { title, subtitle, quality: self.quality, panels, note }.draw()
-    }
-}
-
 impl Frontiers {
     /// Draws it, with separate frontiers of published and measured points, because times of different machines are not
     /// comparable.
@@ -101,7 +66,7 @@ impl Frontiers {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most four panels")]
         let width = if count == 1 { 860 } else { (WIDTH * count as f64) as u32 + 40 };
         let (mut drawing, head) = Drawing::titled(width, &self.title, &self.subtitle);
-        let panels: Vec<(CostAxis, Vec<&FrontierPoint>)> =
+        let panels: Vec<(Axis, Vec<&FrontierPoint>)> =
             self.panels.iter().map(|(cost, points)| (*cost, shown(points))).collect();
         let names = [Origin::Published, Origin::Measured].map(|origin| {
             let steps = panels.iter().map(|(_, points)| self.steps(of_origin(points, origin)).len()).max();
@@ -144,22 +109,22 @@ impl Frontiers {
         &self,
         drawing: &mut Drawing,
         (inside, y): (Extent, Scale),
-        (cost, points): (CostAxis, &[&FrontierPoint]),
+        (cost, points): (Axis, &[&FrontierPoint]),
         names: [&str; 2],
         crowded: &mut Vec<String>,
     ) -> f64 {
         let (unit, length) = match cost {
-            CostAxis::Seconds => time_unit(points.iter().map(|point| point.cost)),
-            CostAxis::Gaussians => ("", 1.0),
+            Axis::Seconds => time_unit(points.iter().map(|point| point.cost)),
+            Axis::Gaussians => ("", 1.0),
         };
         let axes = Axes { inside, x: cost_scale(points, length), y };
         let title = match cost {
-            CostAxis::Seconds => format!("time in {unit}, logarithmic"),
-            CostAxis::Gaussians => "Gaussians per scene, logarithmic".to_owned(),
+            Axis::Seconds => format!("time in {unit}, logarithmic"),
+            Axis::Gaussians => "Gaussians per scene, logarithmic".to_owned(),
         };
         let label = |value, _: &[f64]| match cost {
-            CostAxis::Seconds => single_label(value),
-            CostAxis::Gaussians => count_label(value),
+            Axis::Seconds => single_label(value),
+            Axis::Gaussians => count_label(value),
         };
         axes.draw_y(drawing, &number_axis(&self.quality.title()));
         let bottom = axes.draw_x(drawing, &AxisText { title: &title, label: &label });
@@ -224,10 +189,10 @@ impl Frontiers {
     }
 
     /// `ATSplat (22.30, 0.26 s, on the frontier)`.
-    fn in_words(&self, point: &FrontierPoint, cost: CostAxis) -> String {
+    fn in_words(&self, point: &FrontierPoint, cost: Axis) -> String {
         let cost = match cost {
-            CostAxis::Seconds => seconds_label(point.cost),
-            CostAxis::Gaussians => count_label(point.cost),
+            Axis::Seconds => seconds_label(point.cost),
+            Axis::Gaussians => count_label(point.cost),
         };
         let verdicts =
             [(point.standing == Some(Standing::Frontier), ", on the frontier"), (point.highlighted, ", at the knee")];
@@ -337,7 +302,7 @@ mod tests {
             title: String::new(),
             subtitle: String::new(),
             quality: QualityMetric::from(definition("psnr").unwrap()),
-            panels: vec![(CostAxis::Gaussians, points), (CostAxis::Gaussians, vec![point("alone", 1000.0, 20.0)])],
+            panels: vec![(Axis::Gaussians, points), (Axis::Gaussians, vec![point("alone", 1000.0, 20.0)])],
             note: String::new(),
         }
         .draw();
@@ -358,7 +323,7 @@ mod tests {
         };
         let said = |standing, highlighted| {
             let point = FrontierPoint { standing, highlighted, ..point("warp", 0.26, 22.3) };
-            frontier.in_words(&point, CostAxis::Seconds)
+            frontier.in_words(&point, Axis::Seconds)
         };
         assert_eq!(said(None, false), "warp (22.30, 260 ms)");
         assert_eq!(said(Some(Standing::Frontier), true), "warp (22.30, 260 ms, on the frontier, at the knee)");

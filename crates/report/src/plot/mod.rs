@@ -39,7 +39,7 @@ pub use effect_costs::{EffectCostRow, EffectCosts};
 pub use estimator_scatter::{EstimatePoint, EstimatorPanel, EstimatorScatter};
 pub use expansion_strips::{ExpansionStrip, ExpansionStrips, StripImage};
 pub use extrapolation::{ExtrapolationDecay, ExtrapolationPoint, ExtrapolationSeries};
-pub use frontier::{CostAxis, Frontier, FrontierPoint, Frontiers};
+pub use frontier::{FrontierPoint, Frontiers};
 pub use histograms::{HistogramPanel, Histograms};
 pub use k_scaling::{KPoint, KScaling};
 pub use learning_curve::LearningCurve;

@@ -16,7 +16,7 @@ use super::timed::Timed;
 use super::without_point::without_point;
 use crate::ReportError;
 use crate::file_names::{plain, unused};
-use crate::plot::{CostAxis, Drawing, Estimate, FrontierPoint, Frontiers, Origin};
+use crate::plot::{Drawing, Estimate, FrontierPoint, Frontiers, Origin};
 use crate::table::{BUSY, Source, TimeScope, is_same_data};
 use merge::{merged_results, remove_untrained};
 
@@ -102,7 +102,7 @@ fn frontier(sources: &[Source<'_>], preset: &PresetRecord) -> Result<Option<Draw
                 highlighted: frontier.knee.as_deref() == Some(&setting.label),
             });
         }
-        panels.push((cost(frontier.axis), points));
+        panels.push((frontier.axis, points));
     }
     let mut notes = note(tradeoff, &title);
     if !untrained.is_empty() {
@@ -124,10 +124,10 @@ fn frontier(sources: &[Source<'_>], preset: &PresetRecord) -> Result<Option<Draw
 }
 
 /// `PSNR against time to the first image and against Gaussians`, with the costs that have a panel.
-fn title_over(metric: &str, costs: impl Iterator<Item = CostAxis>) -> String {
+fn title_over(metric: &str, costs: impl Iterator<Item = Axis>) -> String {
     let costs = costs.map(|cost| match cost {
-        CostAxis::Seconds => "against time to the first image",
-        CostAxis::Gaussians => "against Gaussians",
+        Axis::Seconds => "against time to the first image",
+        Axis::Gaussians => "against Gaussians",
     });
     format!("{metric} {}", costs.collect::<Vec<_>>().join(" and "))
 }
@@ -187,12 +187,5 @@ const fn name(axis: Axis) -> &'static str {
     match axis {
         Axis::Seconds => "time",
         Axis::Gaussians => "Gaussians",
-    }
-}
-
-const fn cost(axis: Axis) -> CostAxis {
-    match axis {
-        Axis::Seconds => CostAxis::Seconds,
-        Axis::Gaussians => CostAxis::Gaussians,
     }
 }

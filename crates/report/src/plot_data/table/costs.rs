@@ -1,9 +1,10 @@
 use atsplat_metrics::Definition;
 use atsplat_results::statistics::Leaked;
+use atsplat_results::tradeoff::Axis;
 
 use super::{column_of, estimate, explained, leaked_in, metric_of, name, other_setting, shown, subtitle};
 use crate::definition::Quantity;
-use crate::plot::{CostAxis, Drawing, Frontier, FrontierPoint, Origin};
+use crate::plot::{Drawing, FrontierPoint, Frontiers, Origin};
 use crate::plot_data::timed::Timed;
 use crate::plot_data::without_point::without_point;
 use crate::table::{Cell, CellIndex, CellTiming, Row, Source, Table, Value};
@@ -11,7 +12,7 @@ use crate::table::{Cell, CellIndex, CellTiming, Row, Source, Table, Value};
 /// The columns of a plot.
 #[derive(Clone, Copy)]
 struct Columns {
-    axis: CostAxis,
+    axis: Axis,
     cost: CellIndex,
     quality: CellIndex,
     metric: &'static Definition,
@@ -23,7 +24,7 @@ pub(super) fn frontiers(table: &Table, sources: &[Source<'_>]) -> Vec<(String, D
     for (at, group) in table.groups.iter().enumerate() {
         let Some((quality, metric)) = metric_of(group) else { continue };
         for (axis, quantity, cost_name) in
-            [(CostAxis::Gaussians, Quantity::Gaussians, "gaussians"), (CostAxis::Seconds, Quantity::Seconds, "seconds")]
+            [(Axis::Gaussians, Quantity::Gaussians, "gaussians"), (Axis::Seconds, Quantity::Seconds, "seconds")]
         {
             let Some(cost) = column_of(group, quantity) else { continue };
             let [cost, quality] = [cost, quality].map(|column| CellIndex { group: at, column });
@@ -37,7 +38,7 @@ pub(super) fn frontiers(table: &Table, sources: &[Source<'_>]) -> Vec<(String, D
 }
 
 /// `None` without a measured point.
-fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<Frontier> {
+fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<Frontiers> {
     let Columns { axis, cost, quality, metric } = columns;
     let why_unranked = table.why_unranked(&[cost, quality]);
     let rows: Vec<(&Row, FrontierPoint)> =
@@ -64,10 +65,10 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
     let published = rows.iter().any(|(row, _)| row.origin == Origin::Published);
     let setting = if published { other_setting(table, at..at + 1) } else { "" };
     let what = match axis {
-        CostAxis::Gaussians => "Gaussians",
-        CostAxis::Seconds => "time",
+        Axis::Gaussians => "Gaussians",
+        Axis::Seconds => "time",
     };
-    let is_of_others = published && axis == CostAxis::Seconds;
+    let is_of_others = published && axis == Axis::Seconds;
     let machines = if is_of_others { "; published times are from other machines" } else { "" };
     let stated: Vec<String> = measured().filter(|row| row.cell(cost).is_stated_count()).map(name).collect();
     if !stated.is_empty() {
@@ -80,7 +81,7 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
     }
     let left_out = shown(table).filter_map(|row| Some((why_without_point(row, columns, what)?, name(row))));
     notes.extend(without_point(what, left_out));
-    Some(Frontier {
+    Some(Frontiers {
         title: format!("{} against {what}{setting}{machines}", metric.name),
         subtitle: format!(
             "{}{}{}{}",
@@ -89,9 +90,8 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
             timed.in_words(),
             explained(shown(table))
         ),
-        cost: axis,
         quality: metric.into(),
-        points: rows.into_iter().map(|(_, point)| point).collect(),
+        panels: vec![(axis, rows.into_iter().map(|(_, point)| point).collect())],
         note: notes.join(" "),
     })
 }
@@ -108,8 +108,8 @@ fn why_without_point(row: &Row, columns: Columns, what: &str) -> Option<String> 
         (Value::Absent, None) => Some(format!("no {what}")),
     };
     let unit = match axis {
-        CostAxis::Gaussians => "Gaussians",
-        CostAxis::Seconds => "seconds",
+        Axis::Gaussians => "Gaussians",
+        Axis::Seconds => "seconds",
     };
     let without_place = || row.cell(cost).value.number().filter(|spent| *spent <= 0.0);
     let free = || without_place().map(|spent| format!("{spent} {unit}"));
