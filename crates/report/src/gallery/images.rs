@@ -1,10 +1,11 @@
 //! The plots that show images.
 
+use atsplat_eval::expansion::ProjectedToken;
 use atsplat_pixels::ImageU8;
 
 use super::{SYNTHETIC, noise};
 use crate::plot::{
-    ContactRow, ContactSheet, Expansion, ExpansionStrip, ExpansionStrips, StripImage, TokenExpansion, UncertaintyRow,
+    ContactRow, ContactSheet, ExpansionStrip, ExpansionStrips, StripImage, TokenExpansion, UncertaintyRow,
     UncertaintyTriplets,
 };
 
@@ -88,7 +89,7 @@ pub(super) fn token_expansion() -> TokenExpansion {
         let angle = std::f64::consts::TAU * noise(at * 5 + 2);
         let reach = 1.5 + 3.5 * noise(at * 5 + 3);
         let child = |turn: f64| [parent[0] + reach * (angle + turn).cos(), parent[1] + reach * (angle + turn).sin()];
-        Expansion { block: 1 + at % 3, parent, children: vec![child(0.0), child(2.6)] }
+        ProjectedToken { block: 1 + at % 3, parent, children: vec![child(0.0), child(2.6)] }
     };
     TokenExpansion {
         title: "Children around their parents".to_owned(),

@@ -50,5 +50,5 @@ pub use overlap_histogram::OverlapHistogram;
 pub use scatter::{ScatterPanel, ScatterPoint, SceneScatter};
 pub use stage_time::{StageTime, StageTimeRow};
 pub use stress_errors::{StressError, StressErrors};
-pub use token_expansion::{Expansion, TokenExpansion};
+pub use token_expansion::TokenExpansion;
 pub use uncertainty::{UncertaintyRow, UncertaintyTriplets};

@@ -1,3 +1,4 @@
+use atsplat_eval::expansion::ProjectedToken;
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::ImageU8;
 
@@ -16,18 +17,7 @@ pub struct TokenExpansion {
     /// Width and height of the image in pixels, in which positions are given.
     pub size: [f64; 2],
     /// Parents with their children.
-    pub expansions: Vec<Expansion>,
-}
-
-/// A parent and its children, in pixels: +x right, +y down.
-#[derive(Clone, Debug)]
-pub struct Expansion {
-    /// The decoder block that expanded it, counted from 1.
-    pub block: usize,
-    /// The mean centre of the parent's Gaussians.
-    pub parent: [f64; 2],
-    /// The mean centres of its children's Gaussians.
-    pub children: Vec<[f64; 2]>,
+    pub expansions: Vec<ProjectedToken>,
 }
 
 impl TokenExpansion {
@@ -40,7 +30,8 @@ impl TokenExpansion {
         let page_width = (width * scale + 2.0 * MARGIN).clamp(480.0, 2000.0) as u32;
         let (mut drawing, head) = Drawing::titled(page_width, &self.title, &self.subtitle);
         let is_inside = |[x, y]: [f64; 2]| (0.0..=width).contains(&x) && (0.0..=height).contains(&y);
-        let shown: Vec<&Expansion> = self.expansions.iter().filter(|expansion| is_inside(expansion.parent)).collect();
+        let shown: Vec<&ProjectedToken> =
+            self.expansions.iter().filter(|expansion| is_inside(expansion.parent)).collect();
         let top = Self::key(&mut drawing, head + 12.0, &shown) + 14.0;
         let inside = Extent::new(MARGIN, top, MARGIN + width * scale, top + height * scale);
         if let Some(image) = &self.image {
@@ -67,7 +58,7 @@ impl TokenExpansion {
     }
 
     /// The legend; returns its lower edge.
-    fn key(drawing: &mut Drawing, top: f64, shown: &[&Expansion]) -> f64 {
+    fn key(drawing: &mut Drawing, top: f64, shown: &[&ProjectedToken]) -> f64 {
         let mut blocks: Vec<usize> = shown.iter().map(|expansion| expansion.block).collect();
         blocks.sort_unstable();
         blocks.dedup();
@@ -84,7 +75,7 @@ impl TokenExpansion {
     }
 }
 
-fn name(block: usize, shown: &[&Expansion]) -> String {
+fn name(block: usize, shown: &[&ProjectedToken]) -> String {
     let count = shown.iter().filter(|expansion| expansion.block == block).count();
     format!("block {block}: {count}")
 }

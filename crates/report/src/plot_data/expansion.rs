@@ -5,8 +5,7 @@ use atsplat_numeric::spread;
 use atsplat_pixels::{ImageU8, PixelError, Rounding};
 
 use crate::plot::{
-    Drawing, Expansion, ExpansionStrip, ExpansionStrips, StripImage, TokenExpansion, UncertaintyRow,
-    UncertaintyTriplets,
+    Drawing, ExpansionStrip, ExpansionStrips, StripImage, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
 };
 use crate::{ReportError, counted};
 
@@ -64,11 +63,7 @@ pub fn expansion_plots(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(
 fn tokens(subject: &str, scene: &ExpansionScene) -> TokenExpansion {
     let ExpansionScene { label, frame, image, expanded_tokens, expanded, .. } = scene;
     let drawn = spread(expanded_tokens.len(), MAX_DRAWN);
-    let expansions = drawn.iter().filter_map(|&at| expanded_tokens.get(at)).map(|expanded| Expansion {
-        block: expanded.block,
-        parent: expanded.parent,
-        children: expanded.children.clone(),
-    });
+    let expansions = drawn.iter().filter_map(|&at| expanded_tokens.get(at)).cloned();
     let place = format!("{label} from frame {frame}");
     TokenExpansion {
         title: "Children around their parents".to_owned(),
