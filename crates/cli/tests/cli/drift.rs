@@ -76,12 +76,7 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
     // With other constants than the baseline's, the rows are the same but a stage of the probe differs.
     std::fs::write(at.join("probe.toml"), "constants = 'gsplat-1.6'").unwrap();
     let args = ["drift", "then", "--baseline", "quick.json", "--probe", "probe.toml"];
-    let outcome = atsplat(at, &args);
-    assert!(
-        outcome.code == 3 && outcome.stdout.contains("The first change is in the renderer: "),
-        "{}",
-        outcome.stdout
-    );
+    atsplat(at, &args).prints(3, "The first change is in the renderer: ");
 
     let args =
         ["drift", "accept", "now", "--baseline", "quick.json", "--why", "a better decoder", "--no-probe", "--json"];
@@ -140,7 +135,7 @@ fn distinguishes_changed_data_losses_and_missing_numbers() {
     }
     store(&at.join("worse"), -0.125);
     let outcome = atsplat(at, &["drift", "worse", "--baseline", "quick.json"]);
-    assert!(outcome.code == 3 && outcome.stdout.contains("-0.125 dB"), "{}", outcome.stdout);
+    outcome.prints(3, "-0.125 dB");
     assert!(outcome.stdout.contains("DRIFTED, worse"), "{}", outcome.stdout);
     let empty = |results: &mut Results| {
         results.trials.clear();
@@ -150,7 +145,7 @@ fn distinguishes_changed_data_losses_and_missing_numbers() {
     atsplat(at, &["drift", "accept", "empty", "--baseline", "empty.json", "--why", "nothing"])
         .says(1, "an empty baseline cannot detect drift");
     let outcome = atsplat(at, &["drift", "empty", "--baseline", "quick.json"]);
-    assert!(outcome.code == 1 && outcome.stdout.contains("targets are missing: 12"), "{}", outcome.stdout);
+    outcome.prints(1, "targets are missing: 12");
     assert!(outcome.stdout.ends_with("Verdict: nothing compared\n"), "{}", outcome.stdout);
 }
 
@@ -227,10 +222,10 @@ fn plots_the_history_over_acceptances() {
     atsplat(at, &[&args[..], &["--metric", "beauty"]].concat()).says(2, "expected one of ");
     // A plot that cannot be drawn hides no drift; without drift, it is an error.
     let renamed = atsplat(at, &[&args[..], &["--method", "other"]].concat());
-    assert!(renamed.code == 3 && renamed.stdout.contains("DRIFTED"), "{}: {}", renamed.code, renamed.stdout);
+    renamed.prints(3, "DRIFTED");
     assert!(renamed.stderr.contains("warning: --history: ") && renamed.stderr.contains("psnr of fine under sampled"));
-    let calm = atsplat(at, &["drift", "b", "--baseline", "quick.json", "--history", "c.svg", "--method", "other"]);
-    assert!(calm.code == 1 && calm.stdout.contains("Verdict: same"), "{}: {}", calm.code, calm.stdout);
+    atsplat(at, &["drift", "b", "--baseline", "quick.json", "--history", "c.svg", "--method", "other"])
+        .prints(1, "Verdict: same");
     assert!(!at.join("c.svg").exists());
     assert_eq!(atsplat(at, &["drift", "now", "--baseline", "quick.json", "--metric", "psnr"]).code, 2);
 }
@@ -362,12 +357,9 @@ fn reports_usage_errors_and_broken_files() {
 fn a_frontier_lists_prices() {
     let folder = tempfile::tempdir().unwrap();
     store(&folder.path().join("then"), 0.0);
-    let table = succeed(folder.path(), &["tradeoff", "then"]);
-    assert!(
-        table.contains(
-            "coarse to fine, 2.0000 dB better (2.0000 to 2.0000): the next 0.1 dB for +15.0 ms and +1500 Gaussians"
-        ),
-        "{table}"
+    atsplat(folder.path(), &["tradeoff", "then"]).prints(
+        0,
+        "coarse to fine, 2.0000 dB better (2.0000 to 2.0000): the next 0.1 dB for +15.0 ms and +1500 Gaussians",
     );
     let report = printed_json(folder.path(), &["tradeoff", "then", "--json"]);
     let points = report["tradeoffs"][0]["frontiers"][0]["points"].as_array().unwrap();

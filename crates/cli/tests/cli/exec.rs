@@ -110,7 +110,7 @@ fn failed_trials_are_asked_again_on_request() {
     let run = ["run", "tiny.toml", "--data", "data", "--method", method, "--out", "store"];
     let retry = [&run[..], &["--retry-failed"]].concat();
     let first = atsplat(here, &run);
-    assert!(first.code == 0 && first.stdout.contains("3 results computed"), "{}", first.stderr);
+    first.prints(0, "3 results computed");
     let why =
         "warning: the first failed result: mine on tiny, scene \"scene-01\", entry 0: the method says: out of memory";
     assert_eq!(first.stderr.matches(why).count(), 1, "{}", first.stderr);

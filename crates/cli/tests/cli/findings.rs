@@ -49,8 +49,8 @@ fn build_and_run_choose_the_same_frames() {
     }
     let rule = "[sampler]\nsampler = 'evenly-spaced'\ncontext-views = 2\ntarget-views = 3\n";
     std::fs::write(here.join("rule.toml"), rule).unwrap();
-    let built = succeed(here, &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "built.json"]);
-    assert!(built.contains("3  frames skipped: no image or no usable pose"), "{built}");
+    atsplat(here, &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "built.json"])
+        .prints(0, "3  frames skipped: no image or no usable pose");
     let entry = &IndexFile::read(&here.join("built.json")).unwrap().index.scenes["scene"][0];
     let named: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
     assert!(named.iter().all(|frame| ![0, 3, 8].contains(frame)), "{named:?}");
@@ -257,8 +257,7 @@ fn renders_without_a_score_fail_the_command() {
     let why = "nothing was evaluated: all of 2 targets have non-finite samples, the first with: 1 in the render";
     assert!(none.stderr.contains(why), "{}", none.stderr);
     write(2, 0.25);
-    let one = score("one");
-    assert!(one.code == 0 && one.stdout.contains("1 with non-finite samples"), "{}{}", one.stdout, one.stderr);
+    score("one").prints(0, "1 with non-finite samples");
     let expected = "one: tiny: 1 target of renders has NaN or infinite samples: scene a, frame 1: 1 in the render";
     atsplat(here, &["report", "one", "--strict", "--out", "page"]).says(4, expected);
 }
@@ -304,12 +303,7 @@ fn images_of_another_size_suggest_any_size() {
     let sized = "[preprocessing]\nexpected-size = { width = 640, height = 360 }";
     std::fs::write(here.join("sized.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
     let args = ["run", "sized.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
-    let rejected = atsplat(here, &args);
-    assert!(
-        rejected.code == 1 && rejected.stdout.contains("--any-size takes images of any size"),
-        "{}",
-        rejected.stdout
-    );
+    atsplat(here, &args).prints(1, "--any-size takes images of any size");
     // A store without results accepts other settings.
     let taken = atsplat(here, &[&args[..], &["--any-size"]].concat());
     assert!(taken.code == 0 && !taken.stdout.contains("--any-size"), "{}{}", taken.stdout, taken.stderr);

@@ -71,8 +71,7 @@ fn strict_counts_scenes_of_another_format() {
             "2  scenes skipped: could not be read",
         ),
     ] {
-        let said = succeed(here, args);
-        assert!(said.contains(text), "not strict: {args:?}: {said}");
+        atsplat(here, args).prints(0, text);
     }
 }
 
@@ -91,8 +90,7 @@ fn undistortion_counts_scenes_of_another_format_and_fails_without_images() {
     }
     let (code, report) = strict_json(here, &undistort);
     assert_eq!((code, &report), (4, &json!({ "written": 30, "skipped": 2 })));
-    let text = succeed(here, &undistort);
-    assert!(text.contains("30 images written, 2 scenes or frames skipped\n"), "not strict: {text}");
+    atsplat(here, &undistort).prints(0, "30 images written, 2 scenes or frames skipped\n");
     let error = "error: no image of data/a.txt could be undistorted\n";
     atsplat(here, &["data", "undistort", "data/a.txt", "--out", "none"]).says(1, error);
     assert!(!here.join("none/a").exists(), "no list without frames");
@@ -212,8 +210,7 @@ fn expansion_counts_trials_with_damaged_images() {
     let first = gap["first"].as_str().unwrap();
     assert!(first.starts_with("scene scene-02, entry 0: ") && first.contains("scene-02/0.png"), "{first}");
     assert!(strict.stderr.contains(&format!("warning: tiny: not measured: {first}\n")), "{}", strict.stderr);
-    let text = succeed(here, &args);
-    assert!(text.contains(&format!("\n- 1 {kind}: {first}\n")), "{text}");
+    atsplat(here, &args).prints(0, &format!("\n- 1 {kind}: {first}\n"));
 
     for scene in [0, 1, 3, 4, 5] {
         cut(scene);
@@ -288,7 +285,7 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     let rejected = run(&["--out", "store"]);
     let advice =
         "\n--images 2 takes copies of the images of the expected size, and --any-size takes images of any size; ";
-    assert!(rejected.code == 1 && rejected.stdout.contains(advice), "{}{}", rejected.stdout, rejected.stderr);
+    rejected.prints(1, advice);
     let taken = run(&["--out", "store", "--images", "2"]);
     assert!(taken.code == 0 && !taken.stdout.contains("--images"), "{}{}", taken.stdout, taken.stderr);
     // Without the listed folder, no argument is needed: the copy is the one of the expected size, not the largest.
@@ -297,8 +294,7 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     };
     rename("images", "elsewhere");
     rename("images_2", "images_8");
-    let found = run(&["--out", "found"]);
-    assert!(found.code == 0 && found.stdout.contains("image-elsewhere"), "{}{}", found.stdout, found.stderr);
+    run(&["--out", "found"]).prints(0, "image-elsewhere");
     let lint = ["protocol", "lint", "data/evaluation_index.json", "--preset", "tiny.toml", "--data", "data", "--json"];
     let lint = printed_json(here, &lint);
     assert_eq!(lint["dataset"]["usable"], 1, "the lint checks what is run: {lint}");
@@ -309,6 +305,6 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     std::fs::write(here.join("data/a/images_2/1.png"), encode_png(&image).unwrap()).unwrap();
     std::fs::remove_dir_all(here.join("data/a/images")).unwrap();
     let mixed = run(&["--out", "mixed", "--images", "2"]);
-    assert!(mixed.code == 1 && mixed.stdout.contains("--any-size"), "{}{}", mixed.stdout, mixed.stderr);
+    mixed.prints(1, "--any-size");
     assert!(!mixed.stdout.contains("--images"), "{}", mixed.stdout);
 }

@@ -50,8 +50,8 @@ fn the_psnr_of_training_views_is_named_as_what_it_is() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     succeed(here, &["render", SCENE, "--orbit", "4", "--size", "16x12", "--out", "photos"]);
-    let text = succeed(here, &[&FIT[..], &["--views", "..", "--held-out", "0", "--steps", "2"]].concat());
-    assert!(text.contains(" dB, mean over each view's last step, 2 of 3 views\n"), "{text}");
+    atsplat(here, &[&FIT[..], &["--views", "..", "--held-out", "0", "--steps", "2"]].concat())
+        .prints(0, " dB, mean over each view's last step, 2 of 3 views\n");
     let record = record(here);
     assert_eq!((&record["training-psnr-views"], &record["training-identical"]), (&json!(2), &json!(0)));
     assert!(record["training-psnr"].is_f64(), "{record}");

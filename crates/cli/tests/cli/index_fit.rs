@@ -79,7 +79,7 @@ fn the_split_of_a_sampled_index_takes_only_frames_with_an_image() {
     std::fs::write(here.join("rule.toml"), rule).unwrap();
     let args = ["run", "tiny.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
     let run = atsplat(here, &[&args[..], &["--sampler", "rule.toml"]].concat());
-    assert!(run.code == 0 && run.stdout.contains("warning: tiny: 5 missing-image: "), "{}{}", run.stdout, run.stderr);
+    run.prints(0, "warning: tiny: 5 missing-image: ");
     assert!(!run.stderr.contains("missing-image"), "{}", run.stderr);
     let results = Results::read(&here.join("store")).unwrap();
     let targets: Vec<u64> = results.targets.iter().map(|row| row.frame).collect();
@@ -99,7 +99,7 @@ fn another_number_of_targets_is_a_warning_of_a_run_and_a_fault_of_a_lint() {
         "1 entries without the preset's 3 to 4 targets: scene scene-00, entry 0, field target: expected 3 to 4";
     assert_eq!([run.code, report.code], [0, 0], "{}{}", run.stdout, report.stderr);
     assert!(run.stdout.contains(&format!("warning: tiny: {expected}")), "{}", run.stdout);
-    assert!(lint.code == 4 && lint.stdout.contains(expected), "{}{}", lint.stdout, lint.stderr);
+    lint.prints(4, expected);
 }
 
 /// Its rows would be in tables under those of the paper.
@@ -129,7 +129,7 @@ fn targets_outside_a_window_have_images() {
     let split = atsplat(here, &args);
     assert!(split.stdout.contains("1  entries with every target"), "{}", split.stdout);
     let missing = "10  frames without an image or a usable pose";
-    assert!(split.code == 4 && split.stdout.contains(missing), "{}{}", split.stdout, split.stderr);
+    split.prints(4, missing);
     let entry = &IndexFile::read(&here.join("outside.json")).unwrap().index.scenes["scene-00"][0];
     assert_eq!((&entry.context, entry.target.last()), (&vec![12, 19], Some(&29)));
 }

@@ -41,18 +41,18 @@ fn builds_measures_lints_and_extrapolates_an_index() {
     let lint = printed_json(here, &["protocol", "lint", "index.json", "--json"]);
     assert_eq!((&lint["keys"], &lint["null"], &lint["scenes"]), (&3.into(), &1.into(), &2.into()), "{lint}");
 
-    let overlap = succeed(
+    atsplat(
         here,
         &["protocol", "overlap", "index.json", "--data", "data", "-o", "overlap.json", "--plot", "overlap.svg"],
-    );
-    assert!(overlap.contains("      2  measured"), "{overlap}");
+    )
+    .prints(0, "      2  measured");
     assert!(std::fs::read_to_string(here.join("overlap.svg")).unwrap().starts_with("<svg"));
     let measured = read_json(&here.join("overlap.json"));
     let value = measured["aaaa"]["overlap"].as_f64().unwrap();
     assert!((0.0..=1.0).contains(&value), "{measured}");
 
-    let moved = succeed(here, &["protocol", "extrapolate", "index.json", "--data", "data", "-o", "outside.json"]);
-    assert!(moved.contains("2  entries with every target"), "{moved}");
+    atsplat(here, &["protocol", "extrapolate", "index.json", "--data", "data", "-o", "outside.json"])
+        .prints(0, "2  entries with every target");
     let moved = printed_json(here, &["protocol", "lint", "outside.json", "--against", "index.json", "--json"]);
     assert_eq!(moved["outside-window"]["targets"], 40, "ten before and ten after in two scenes: {moved}");
     assert_eq!(moved["against"]["verdict"], "different");
@@ -184,8 +184,7 @@ fn a_strict_build_rejects_missing_and_unreadable_images() {
     atsplat(here, &build).says(4, &named);
     std::fs::write(&empty, &image).unwrap();
     std::fs::remove_file(here.join("data/a/0.png")).unwrap();
-    let strict = atsplat(here, &build);
-    assert!(strict.code == 4 && strict.stdout.contains("1  frames skipped"), "{}: {}", strict.code, strict.stdout);
+    atsplat(here, &build).prints(4, "1  frames skipped");
     succeed(here, build.split_last().unwrap().1);
     let help = succeed(here, &["protocol", "build", "--help"]);
     // Lines are wrapped at the terminal width.

@@ -410,8 +410,7 @@ fn plots_token_expansion() {
     };
     succeed(here, &untrained(tiny, &["--plots", "alone"]));
     assert_eq!(names("alone"), ["token-expansion-1.png", "token-expansion-1.svg"]);
-    let text = succeed(here, &untrained(tiny, &["--plots", "plots", "--targets", "1,3"]));
-    assert!(text.contains("6 plots into plots"), "{text}");
+    atsplat(here, &untrained(tiny, &["--plots", "plots", "--targets", "1,3"])).prints(0, "6 plots into plots");
     let stems = ["expansion-strips", "token-expansion-1", "uncertainty"];
     assert_eq!(names("plots"), stems.map(|stem| [format!("{stem}.png"), format!("{stem}.svg")]).concat());
     assert_eq!(record(here)["plots"]["files"].as_array().unwrap().len(), 6);

@@ -161,8 +161,7 @@ fn strict_finds_failed_rows_and_empty_renders() {
     assert_eq!(report("failing", &[]).code, 0);
 
     write("scene-01.ply");
-    let empty = score("empty");
-    assert!(empty.code == 4 && empty.stdout.contains("2 without a Gaussian in any target"), "{}", empty.stdout);
+    score("empty").prints(4, "2 without a Gaussian in any target");
     let expected = "empty: tiny: 2 trials of behind render no Gaussian in any target: scene scene-00, entry 0";
     report("empty", &["--strict"]).says(4, expected);
     let table = fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
@@ -191,8 +190,7 @@ fn gaussians_of_a_listed_method_are_not_drawn_with_other_settings_in_silence() {
     };
     let results = |store: &str| Results::read(&here.join(store)).unwrap();
     let warning = "although it states others for a method of their name: depthsplat";
-    let unchosen = score("store", &[]);
-    assert!(unchosen.code == 0 && unchosen.stdout.contains(warning), "{}", unchosen.stdout);
+    score("store", &[]).prints(0, warning);
     assert!(!results("store").trials[0].renders_nothing());
     let said = "methods depthsplat of the two runs differ: parameters.setting: none and DepthSplat";
     score("store", &["--setting", "DepthSplat"]).says(1, said);

@@ -50,8 +50,7 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
     let here = folder.path();
     simulated(here, 2);
     let args = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-images", "all"];
-    let message = succeed(here, &[&args[..], &FLOORS].concat());
-    assert!(message.contains("4 results computed"), "{message}");
+    atsplat(here, &[&args[..], &FLOORS].concat()).prints(0, "4 results computed");
     let floors = Results::read(&here.join("floors")).unwrap();
     assert_eq!((floors.trials.len(), floors.targets.len()), (4, 12));
     assert!(floors.targets.iter().all(|row| row.scores.contains_key("ssim")));
@@ -64,15 +63,13 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
         .says(1, "--name that of score");
     let score =
         ["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--name", "oracle", "--out", "oracle"];
-    let message = succeed(here, &[&score[..], &["--strict"]].concat());
-    assert!(message.contains("6 identical"), "{message}");
+    atsplat(here, &[&score[..], &["--strict"]].concat()).prints(0, "6 identical");
     let oracle = Results::read(&here.join("oracle")).unwrap();
     for row in &oracle.targets {
         assert_eq!(row.status, TargetStatus::Identical, "{row:?}");
         Tolerance::F64.assert([row.scores["ssim"]], [1.0], "SSIM of identical images");
     }
-    let again = succeed(here, &score);
-    assert!(again.contains("0 results computed; 2 were there before"), "{again}");
+    atsplat(here, &score).prints(0, "0 results computed; 2 were there before");
     let json = printed_json(here, &[&score[..], &["--json"]].concat());
     // As in tables, what is identical is in no mean.
     let row = &json["rows"][0];
@@ -250,8 +247,7 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     let here = folder.path();
     simulated(here, 4);
     let run = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
-    let message = succeed(here, &run);
-    assert!(message.contains("no times of warp: no timing pass was made"), "{message}");
+    atsplat(here, &run).prints(0, "no times of warp: no timing pass was made");
     let why = "warning: every frontier is empty: no setting has a cost; against seconds, warp: no timing pass was made";
     atsplat(here, &["tradeoff", "store"]).says(0, why);
     atsplat(here, &[&run[..], &["--repetitions", "7"]].concat()).says(2, "--timing");
@@ -326,7 +322,7 @@ fn a_store_gets_the_scenes_that_a_limit_left_out_and_further_metrics() {
         atsplat(here, &[&args[..], more].concat())
     };
     let expect = |outcome: common::Outcome, computed: &str| {
-        assert!(outcome.code == 0 && outcome.stdout.contains(computed), "{}{}", outcome.stdout, outcome.stderr);
+        outcome.prints(0, computed);
         outcome
     };
     let both = FLOORS[1];

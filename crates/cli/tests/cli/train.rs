@@ -172,10 +172,8 @@ fn checkpoints_are_described_verified_and_imported_and_are_no_weights_files() {
     let (older, last) = ("out/checkpoints/step-00000003.safetensors", "out/checkpoints/step-00000006.safetensors");
     let what = "a training checkpoint at step 3 of 24 of \"tiny\": weights of the model nano, their averages and the \
                 optimiser's moments";
-    let said = succeed(here, &["weights", "inspect", older]);
-    assert!(said.contains(&format!("what      {what}\n")), "{said}");
-    let said = succeed(here, &["weights", "verify", older]);
-    assert!(said.contains(&format!("complete: {what}; ")), "{said}");
+    atsplat(here, &["weights", "inspect", older]).prints(0, &format!("what      {what}\n"));
+    atsplat(here, &["weights", "verify", older]).prints(0, &format!("complete: {what}; "));
     for args in [
         &["train", "--config", "tiny.toml", "--out", "second", "--init", older][..],
         &["weights", "export", older, "--key-map", "identity", "--out", "exported.safetensors"],
@@ -248,8 +246,8 @@ views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } }
     atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "store"])
         .says(1, "--out store: expected a folder for");
     succeed(folder.path(), &[&train[..], &["micro-rooms"]].concat());
-    let message = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
-    assert!(message.contains("before: 6000 rooms of the train split"), "{message}");
+    atsplat(folder.path(), &["weights", "inspect", "out/weights.safetensors"])
+        .prints(0, "before: 6000 rooms of the train split");
 }
 
 /// Reported before a scene is simulated or a folder created.

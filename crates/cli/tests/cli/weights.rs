@@ -89,8 +89,7 @@ fn imported_weights_are_verified_and_exported_bit_for_bit() {
     let verified = printed_json(here, &["weights", "verify", "ours.safetensors", "--model", "tiny.toml", "--json"]);
     assert_eq!((&verified["fits"], &verified["parameters"]), (&json!("tiny"), &json!(truth().tensors.len())));
     let hash = verified["sha256"].as_str().unwrap().to_owned();
-    let text = succeed(here, &["weights", "verify", "ours.safetensors", "--sha256", &hash]);
-    assert!(text.contains("as expected"), "{text}");
+    atsplat(here, &["weights", "verify", "ours.safetensors", "--sha256", &hash]).prints(0, "as expected");
     let inspected = printed_json(here, &["weights", "inspect", "ours.safetensors", "--json"]);
     assert_eq!((&inspected["what"]["kind"], &inspected["what"]["model"]), (&json!("atsplat"), &json!("tiny")));
     assert_eq!((&inspected["sha256"], &inspected["tensors"]), (&json!(hash), &json!(truth().tensors.len())));
@@ -190,8 +189,8 @@ fn no_parameter_is_left_out_and_no_choice_is_silent() {
     }
 
     write([named("ema.", &truth), named("model.", &zeros)].concat());
-    let text = succeed(here, &[&import[..], &["--out", "ours.safetensors"]].concat());
-    assert!(text.contains("complete set under \"ema.\"; this import used \"model.\""), "{text}");
+    atsplat(here, &[&import[..], &["--out", "ours.safetensors"]].concat())
+        .prints(0, "complete set under \"ema.\"; this import used \"model.\"");
     let ours = ModelWeights::read(&here.join("ours.safetensors")).unwrap();
     let prefixes = ["imported-prefix", "other-prefixes"].map(|key| ours.provenance[key].as_str());
     assert_eq!(prefixes, ["model.", "ema."]);
@@ -217,7 +216,7 @@ fn mismatches_have_reasons() {
         "0 missing, 0 of another shape, 1 not finite, 0 tensors left over",
         "not finite: head.norm.weight: 32 values that are not finite as f32 (net.head.norm.weight)",
     ] {
-        assert!(outcome.code == 1 && outcome.stdout.contains(message), "{message}: {}", outcome.stdout);
+        outcome.prints(1, message);
     }
     let report = json_of(&atsplat(here, &[&IMPORT[..], &["--json"]].concat()).stdout);
     assert_eq!(report["mismatches"], json!({ "shape": 0, "type": 0, "not-finite": 1, "parts": 0 }));

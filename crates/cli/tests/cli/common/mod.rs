@@ -24,9 +24,20 @@ impl Outcome {
     /// Expects an exit code, and a text on standard error.
     #[track_caller]
     pub(crate) fn says(&self, code: i32, text: &str) {
-        let Self { args, stderr, .. } = self;
-        let is_expected = self.code == code && stderr.contains(text);
-        assert!(is_expected, "{args}: expected {code} and {text:?}, found {}: {stderr}", self.code);
+        self.expect(code, text, &self.stderr);
+    }
+
+    /// Expects an exit code, and a text on standard output.
+    #[track_caller]
+    pub(crate) fn prints(&self, code: i32, text: &str) {
+        self.expect(code, text, &self.stdout);
+    }
+
+    #[track_caller]
+    fn expect(&self, code: i32, text: &str, found: &str) {
+        let Self { args, stdout, stderr, .. } = self;
+        let is_expected = self.code == code && found.contains(text);
+        assert!(is_expected, "{args}: expected {code} and {text:?}, found {}: {stdout}{stderr}", self.code);
     }
 }
 
