@@ -9,9 +9,7 @@ use tempfile::tempdir;
 
 use crate::common::{SCENE, atsplat, photograph, printed_json, read_json, started, succeed};
 
-/// A short run; the file follows.
-const FIT_TO: [&str; 11] =
-    ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed", "--out"];
+const FIT: [&str; 10] = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
 
 /// The scene is optimised for photos at half their size; held-out ones are then compared at that size, at the photos' own, and at an
 /// eighth of that.
@@ -205,9 +203,8 @@ fn options_of_datasets_are_rejected_for_renders() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
     let fit =
-        |more: &[&'static str]| atsplat(here, &[&fit[..], &["--steps", "1", "--out", "fitted.ply"], more].concat());
+        |more: &[&'static str]| atsplat(here, &[&FIT[..], &["--steps", "1", "--out", "fitted.ply"], more].concat());
     for (more, code, expected) in [
         (["--key", "garden"], 1, "--key garden: the output of `atsplat render` is one scene, render (photos)"),
         (["--images", "2"], 2, "COLMAP, found the output of `atsplat render`"),
@@ -225,10 +222,9 @@ fn dropped_degrees_of_a_start_are_warned_of() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
     for (degree, dropped) in [("0", true), ("1", false), ("2", false)] {
         let more = ["--steps", "1", "--out", "fitted.ply", "--sh-degree", degree];
-        let fitted = atsplat(here, &[&fit[..], &more].concat());
+        let fitted = atsplat(here, &[&FIT[..], &more].concat());
         let warning =
             "the initial Gaussians have spherical harmonics of degree 1: those above --sh-degree 0 are dropped";
         assert_eq!((fitted.code, fitted.stderr.contains(warning)), (0, dropped), "{degree}: {}", fitted.stderr);
@@ -280,8 +276,7 @@ fn files_are_opened_before_the_optimisation() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
-    let fit = |more: &[&'static str]| [&fit[..], &["--steps", "2", "--out", "fitted.ply"], more].concat();
+    let fit = |more: &[&'static str]| [&FIT[..], &["--steps", "2", "--out", "fitted.ply"], more].concat();
     for (more, expected) in [
         (["--checkpoint", "photos"], "error: writing photos: "),
         (
@@ -302,8 +297,7 @@ fn no_record_of_an_earlier_run_is_left_next_to_new_gaussians() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
-    let fit = [&fit[..], &["--steps", "1", "--out", "fitted.ply", "--plots", "plots"]].concat();
+    let fit = [&FIT[..], &["--steps", "1", "--out", "fitted.ply", "--plots", "plots"]].concat();
     succeed(here, &fit);
     assert!(here.join("fitted.ply.json").is_file());
     std::fs::remove_file(here.join("plots/contact-sheet.png")).unwrap();
@@ -318,8 +312,7 @@ fn a_run_without_a_step_is_a_failure() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
-    let failed = atsplat(here, &[&fit[..], &["--seconds", "1e-9", "--out", "fitted.ply"]].concat());
+    let failed = atsplat(here, &[&FIT[..], &["--seconds", "1e-9", "--out", "fitted.ply"]].concat());
     let expected =
         "error: --seconds: the time limit ended before the first step; fitted.ply contains the initial Gaussians";
     failed.says(1, expected);
@@ -332,9 +325,8 @@ fn an_interrupted_run_leaves_no_incomplete_file() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
     let run = ["--steps", "1000000", "--checkpoint", "state", "--checkpoint-every", "100", "--out", "fitted.ply"];
-    let mut fit = started(here, &[&fit[..], &run].concat(), "state");
+    let mut fit = started(here, &[&FIT[..], &run].concat(), "state");
     fit.kill().unwrap();
     fit.wait().unwrap();
     let mut names: Vec<_> = std::fs::read_dir(here).unwrap().map(|entry| entry.unwrap().file_name()).collect();
@@ -343,7 +335,7 @@ fn an_interrupted_run_leaves_no_incomplete_file() {
     assert!(names == ["photos", "state"] || names == locks, "{names:?}");
     // The locks of a killed process hold nobody up, and go with the next run.
     std::fs::remove_file(here.join("state")).unwrap();
-    succeed(here, &[&FIT_TO[..], &["fitted.ply", "--steps", "1", "--checkpoint", "state"]].concat());
+    succeed(here, &[&FIT[..], &["--out", "fitted.ply", "--steps", "1", "--checkpoint", "state"]].concat());
     assert!(!here.join("fitted.ply.lock").exists() && !here.join("state.lock").exists());
 }
 
@@ -353,16 +345,16 @@ fn of_two_runs_into_one_file_the_later_one_fails() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let long = ["fitted.ply", "--steps", "1000000", "--checkpoint", "state", "--checkpoint-every", "100"];
-    let mut long = started(here, &[&FIT_TO[..], &long].concat(), "state");
+    let long = ["--out", "fitted.ply", "--steps", "1000000", "--checkpoint", "state", "--checkpoint-every", "100"];
+    let mut long = started(here, &[&FIT[..], &long].concat(), "state");
     for (more, expected) in [
         (&["./fitted.ply", "--steps", "1"][..], "fitted.ply is being written by process "),
         (&["other.ply", "--steps", "1", "--checkpoint", "state", "--resume"], "state is being written by process "),
     ] {
-        atsplat(here, &[&FIT_TO[..], more].concat()).says(1, expected);
+        atsplat(here, &[&FIT[..], &["--out"], more].concat()).says(1, expected);
     }
     assert!(!here.join("other.ply").exists() && !here.join("other.ply.lock").exists());
-    succeed(here, &[&FIT_TO[..], &["other.ply", "--steps", "1"]].concat());
+    succeed(here, &[&FIT[..], &["--out", "other.ply", "--steps", "1"]].concat());
     long.kill().unwrap();
     long.wait().unwrap();
 }
@@ -372,9 +364,9 @@ fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_noted() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let run = ["fitted.ply", "--steps", "1", "--checkpoint", "state", "--resume"];
+    let run = ["--out", "fitted.ply", "--steps", "1", "--checkpoint", "state", "--resume"];
     let note = "note: --resume: no checkpoint at state; starting from step 0";
-    atsplat(here, &[&FIT_TO[..], &run].concat()).says(0, note);
+    atsplat(here, &[&FIT[..], &run].concat()).says(0, note);
     let record = read_json(&here.join("fitted.ply.json"));
     let hash = Sha256Digest::of(&std::fs::read(here.join("fitted.ply")).unwrap());
     assert_eq!(record["file-sha256"], hash.to_string());
