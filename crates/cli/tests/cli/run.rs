@@ -107,7 +107,7 @@ fn expansion_is_measured_over_scenes() {
     assert_eq!(report["thresholds"].as_array().unwrap().len(), 3);
 
     let first = succeed(here, &[&args[..], &["--limit", "1", "--expand-first", "1"]].concat());
-    assert!(first.contains("1 trials of 1 scenes") && first.contains("| 2 | 512 | 256 |"), "{first}");
+    assert!(first.contains("over 1 trial of 1 scene;") && first.contains("| 2 | 512 | 256 |"), "{first}");
     assert!(!first.contains("| 3 |"), "{first}");
     std::fs::remove_dir_all(here.join("data/test/rooms-test-00000002")).unwrap();
     let strict = atsplat(here, &[&args[..], &["--strict"]].concat());
