@@ -193,7 +193,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         sha256: Sha256Digest::literal("ebc31a7ef9fff10231c23eaa42e2815761cf8dafa23925699232a749c3fd9abe"),
         content: Sha256Digest::literal("c62fc3d034aaf9fee997f5633d2a809c5d1763a5deb4bc6c194015015ed82804"),
         targets: (56, 56),
-        notes: "views over the first half of the scene; 686 of 7840 targets are outside the window",
+        notes: "views over about the first half of the scene; 686 of 7840 targets are outside the window",
     },
     KnownIndex {
         name: "zpressor-dl3dv-12v",
@@ -263,7 +263,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         sha256: Sha256Digest::literal("bdbc689c195eb1505b5e619eedf44fc6709a11c74356a010b1e8dd470611b3f1"),
         content: Sha256Digest::literal("3bf855df1e64429ff9eb89d9238df7c0d952dca7ae1ec8f0e4280cccb02613c2"),
         targets: (3, 3),
-        notes: "windows of 15 to 46 frames; 33 of 420 targets are context frames",
+        notes: "windows of 16 to 47 frames; 33 of 420 targets are context frames",
     },
 ];
 
