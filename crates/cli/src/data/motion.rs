@@ -73,13 +73,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for ClipGroup { name, too_short, without_times, .. } in &groups {
         if *too_short > 0 {
             note(&format!(
-                "{name}: {too_short} clips of less than half a second, or of more than a million, are skipped"
+                "{name}: skipped {} of less than half a second, or of more than a million",
+                counted(*too_short as u64, "clip")
             ));
         }
         if *without_times > 0 {
             note(&format!(
-                "{name}: {without_times} clips without timestamps: their speeds and turn rates are not known, and their frames count \
-                 as 30 per second"
+                "{name}: {} without timestamps: speeds and turn rates are not known, and frames count as 30 per second",
+                counted(*without_times as u64, "clip")
             ));
         }
     }

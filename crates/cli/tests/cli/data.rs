@@ -391,7 +391,7 @@ fn clips_without_times_have_no_speed() {
         assert_eq!(row("photos"), ["0", "-", "-", "-", "-", "-"], "{measure}: {}", outcome.stdout);
         assert!(row("video")[0] == "1" && row("video")[3] != "-", "{measure}: {}", outcome.stdout);
     }
-    let note = "note: photos: 1 clips without timestamps: their speeds and turn rates are not known";
+    let note = "note: photos: 1 clip without timestamps: speeds and turn rates are not known";
     assert!(outcome.stderr.contains(note), "{}", outcome.stderr);
     assert!(outcome.stdout.contains("straightness          photos     1    1.000"), "{}", outcome.stdout);
     let report = printed_json(here, &["data", "motion", "photos", "video", "--json"]);
