@@ -75,9 +75,9 @@ impl<'a> Tokens<'a> {
     /// page of its own, and products read them again and again.
     pub(super) fn rows(&self, sample: usize, head: usize, first: usize, count: usize, sizes: &Sizes) -> Vec<f32> {
         let source = self.from(sample, head, first, sizes);
-        let mut out = vec![0.0; count * sizes.head_width];
-        for (token, row) in out.chunks_exact_mut(sizes.head_width).enumerate() {
-            row.copy_from_slice(&source[token * self.stride..][..sizes.head_width]);
+        let mut out = Vec::with_capacity(count * sizes.head_width);
+        for token in 0..count {
+            out.extend_from_slice(&source[token * self.stride..][..sizes.head_width]);
         }
         out
     }
