@@ -2,17 +2,18 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
+mod leads;
+
 use std::path::{Path, PathBuf};
 
-use atsplat_protocol::{Aggregation, Preset};
+use atsplat_protocol::Aggregation;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
+use atsplat_results::Results;
 use atsplat_results::statistics::{
-    Identical, Leaked, MetricQuery, common_scene_means, interval_of_mean, lead_along_distance, lead_along_overlap,
-    paired_between, summary,
+    Identical, Leaked, MetricQuery, common_scene_means, interval_of_mean, paired_between, summary,
 };
-use atsplat_results::{Results, TargetRow};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims")
@@ -313,61 +314,6 @@ fn lines_on_yards_and_on_views_are_those_of_the_stores() {
     );
 }
 
-/// Whether offsets lead rays by more where views overlap less. The rows have no overlaps; an index with the same trials has.
-#[test]
-fn leads_of_offsets_over_rays_by_overlap_are_those_of_the_stores() {
-    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
-    let index = folder().join("../../eval/experiments/claims/protocols/rooms-2v-200-overlaps.json");
-    let index: serde_json::Value = serde_json::from_slice(&std::fs::read(index).unwrap()).unwrap();
-    let slope = |training: usize, store: &str| {
-        let mut results = Results::read(&folder().join(store).join("store")).unwrap();
-        for row in &mut results.targets {
-            row.overlap = index[&row.key.scene]["overlap"].as_f64();
-        }
-        let rows = ["full", "anchor-ray-depth"].map(|row| format!("{row}-{training}"));
-        let [offsets, rays] =
-            [&rows[0], &rows[1]].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(ROOMS.0, row, "psnr") });
-        let found = lead_along_overlap((&results, &offsets), (&results, &rays)).unwrap();
-        assert_eq!(found.scenes, 200, "{store}");
-        in_decibels(&with_interval(found.slope / 10.0, found.interval.unwrap().map(|end| end / 10.0), 3))
-    };
-    let expected = vec![slope(1, "anchors"), slope(2, "anchors-seed-2")];
-    require_lines(expected, |number| readme.contains(number));
-}
-
-/// The same after three times the samples, and whether offsets lead rays by more outside the window.
-#[test]
-fn leads_of_offsets_over_rays_outside_the_window_are_those_of_the_store() {
-    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
-    let results = Results::read(&folder().join("window/store")).unwrap();
-    let rows = ["window-1", "window-ray-depth-1"];
-    let of =
-        |preset: &'static str| rows.map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(preset, row, "psnr") });
-    let [by_overlap, by_overlap_of_rays] = of(ROOMS.0);
-    let overlap = lead_along_overlap((&results, &by_overlap), (&results, &by_overlap_of_rays)).unwrap();
-    let outside = ("rooms-extrapolation-64", 200, 600);
-    let [by_distance, by_distance_of_rays] = of(outside.0);
-    let distance = lead_along_distance((&results, &by_distance), (&results, &by_distance_of_rays)).unwrap();
-    assert_eq!(overlap.scenes, 200);
-    let tenth = overlap.interval.unwrap().map(|end| end / 10.0);
-    let lead = |(from, to): (u64, u64)| {
-        let mut results = results.clone();
-        results.targets.retain(|row| (from..=to).contains(&row.signed_distance.unsigned_abs()));
-        let [offsets, rays] = of(outside.0);
-        let found = paired_between((&results, &offsets), (&results, &rays), Aggregation::SceneMeans).unwrap();
-        with_interval(found.difference, found.interval.unwrap(), 3)
-    };
-    let [near, middle, far] = [(1, 15), (16, 30), (31, 45)].map(lead);
-    let expected = vec![
-        in_decibels(&with_interval(overlap.slope / 10.0, tenth, 3)),
-        in_decibels(&with_interval(distance.slope, distance.interval.unwrap(), 3)),
-        in_decibels(&difference(rows.map(|row| (&results, row)), "psnr", 3)),
-        in_decibels(&difference_under(outside, rows.map(|row| (&results, row)), "psnr", 3)),
-        format!("{near}, {middle} and {}", in_decibels(&far)),
-    ];
-    require_lines(expected, |number| readme.replace('\n', " ").contains(number));
-}
-
 /// One network for all settings against one for each, and networks on scenes that they never saw.
 #[test]
 fn lines_on_unified_and_separate_networks_are_those_of_the_stores() {
@@ -397,43 +343,6 @@ fn lines_on_unified_and_separate_networks_are_those_of_the_stores() {
         expected.push(format!("| {setting} | {} | {difference} |", mean(&zero_shot, protocol.0, other)));
     }
     require_lines(expected, |line| readme.contains(line));
-}
-
-/// How far the embedded network is ahead of the plane warp on all rooms, as the page of the checkpoints says.
-#[test]
-fn leads_of_the_embedded_network_are_those_of_the_stores() {
-    let page = std::fs::read_to_string(folder().join("../../eval/checkpoints/README.md")).unwrap();
-    let lead = |store: &str, preset: &'static str, keep: &dyn Fn(&TargetRow) -> bool| {
-        let mut results = Results::read(&folder().join(store).join("store")).unwrap();
-        results.targets.retain(keep);
-        let difference = |metric: &'static str, decimals: usize| {
-            let rows =
-                ["atsplat", "warp"].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(preset, row, metric) });
-            let found = paired_between((&results, &rows[0]), (&results, &rows[1]), Aggregation::SceneMeans).unwrap();
-            (with_interval(found.difference, found.interval.unwrap(), decimals), found.scenes)
-        };
-        let ((psnr, scenes), (ssim, _)) = (difference("psnr", 2), difference("ssim", 3));
-        format!("{scenes} | {psnr} | {ssim} |")
-    };
-    let bins = Preset::named("rooms-overlap-128").unwrap().overlap_bins.unwrap();
-    let overlap = |name: &'static str| {
-        lead("overlap", "rooms-overlap-128", &|row| row.overlap.and_then(|overlap| bins.name_of(overlap)) == Some(name))
-    };
-    let outside = |from: u64, to: u64| {
-        let is_inside = |row: &TargetRow| (from..=to).contains(&row.signed_distance.unsigned_abs());
-        lead("extrapolation", "rooms-extrapolation-128", &is_inside)
-    };
-    let expected = [
-        format!("| two views | {}", lead("rooms-2v", "rooms-2v-128", &|_| true)),
-        format!("| small overlap | {}", overlap("small")),
-        format!("| medium overlap | {}", overlap("medium")),
-        format!("| large overlap | {}", overlap("large")),
-        format!("| outside the window | {}", lead("extrapolation", "rooms-extrapolation-128", &|_| true)),
-        format!("| 1 to 15 frames outside | {}", outside(1, 15)),
-        format!("| 16 to 30 frames outside | {}", outside(16, 30)),
-        format!("| 31 to 45 frames outside | {}", outside(31, 45)),
-    ];
-    require_lines(expected.to_vec(), |line| page.contains(line));
 }
 
 /// The tables of the real scene, and the numbers that its page quotes.
