@@ -172,7 +172,9 @@ fn a_baseline_is_replaced_only_if_a_number_moved() {
     fs::create_dir_all(stage.path("target/release")).unwrap();
     symlink(stage.path("bin/git"), stage.path("target/release/atsplat")).unwrap();
     stage.write("reports/regenerate", &fs::read_to_string(file("reports/regenerate")).unwrap());
-    fs::create_dir_all(stage.path("reports/screenshots")).unwrap();
+    for folder in ["reports/screenshots", "reports/optimisation"] {
+        fs::create_dir_all(stage.path(folder)).unwrap();
+    }
     symlink(stage.path("bin/git"), stage.path("reports/screenshots/make")).unwrap();
     // The other baseline does not exist yet.
     stage.write("eval/baselines/quick.json", "{}");
@@ -180,6 +182,7 @@ fn a_baseline_is_replaced_only_if_a_number_moved() {
         let does = format!(
             r#"case "$(basename "$0") $1 $2" in
                 "cargo metadata "*) echo '{{"target_directory":"{}"}}' ;;
+                "atsplat report "*) mkdir -p "$4/plots"; echo "$2" > "$4/plots/optimisation-a.svg" ;;
                 "atsplat drift accept") ;;
                 "atsplat drift "*) exit {status} ;;
             esac"#,
@@ -191,5 +194,10 @@ fn a_baseline_is_replaced_only_if_a_number_moved() {
         let baselines: Vec<&str> =
             accepts.filter_map(|call| call.split("eval/baselines/").nth(1)?.split(".json").next()).collect();
         assert_eq!(baselines.join(" "), accepted, "drift exits with {status}");
+    }
+    // The longer optimisations of the desk do not replace the others.
+    for (plot, store) in [("optimisation-a", "photos"), ("optimisation-a-five-minutes", "desk-300")] {
+        let from = fs::read_to_string(stage.path(&format!("reports/optimisation/{plot}.svg"))).unwrap();
+        assert_eq!(from, format!("reports/optimisation/{store}\n"));
     }
 }
