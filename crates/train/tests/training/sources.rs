@@ -20,7 +20,7 @@ use tempfile::tempdir;
 
 use crate::common::sample;
 
-const RULE: PoseNormalisation = PoseNormalisation::mean_camera(MeanCameraScale::LongLrm);
+pub(crate) const RULE: PoseNormalisation = PoseNormalisation::mean_camera(MeanCameraScale::LongLrm);
 const VIEWS: &str = "{ context = [2, 2], targets = 3, gaps = { min = 3, max = 5 }, inset = 1 }";
 
 fn rooms(scenes: u32, more: &str) -> RoomsSource {
@@ -405,7 +405,7 @@ fn rooms_on_disk(folder: &Path) -> DatasetConfig {
 }
 
 /// Two scenes with this many frames each.
-fn rooms_of(folder: &Path, frames: [usize; 2]) -> DatasetConfig {
+pub(crate) fn rooms_of(folder: &Path, frames: [usize; 2]) -> DatasetConfig {
     let (data, preset) = (folder.join("data"), folder.join("tiny.toml"));
     write_rooms(&data, frames);
     // The published preset at the test's image size, so that nothing is cropped.

@@ -3,17 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use atsplat_camera::{ImageSize, MeanCameraScale, PoseNormalisation};
-use atsplat_protocol::Preset;
-use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::Warnings;
-use atsplat_train::samples::{
-    DatasetConfig, DatasetSource, Mixture, Sample, SampleId, Source, UnstablePoses, ViewChoice,
-};
+use atsplat_train::samples::{DatasetConfig, DatasetSource, Mixture, Sample, SampleId, Source, UnstablePoses};
 use atsplat_train::{Event, Limits, Start, TrainError, Trainer};
 use tempfile::tempdir;
 
 use crate::common::{config, sample};
+use crate::sources::{RULE, rooms_of};
 
 /// Scenes of a moving camera and of one that stands still.
 const SCENES: [&str; 2] = ["rooms-train-00000000", "rooms-train-00000001"];
@@ -25,16 +21,8 @@ fn id(number: u64) -> SampleId {
 
 /// Twelve frames of each scene, all those of the second with the pose of its last one.
 fn write_scenes(folder: &Path) -> DatasetConfig {
-    let requests = [0, 1].map(|number| {
-        let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number });
-        request.size = ImageSize { width: 32, height: 32 };
-        (request.samples, request.frames) = (1, 12);
-        request
-    });
-    let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
-    write_dataset(&folder.join("data"), requests, &options, &mut Warnings::new(), |_, _| ()).unwrap();
-    let path = folder.join("data/train");
-    let trajectory = path.join(SCENES[1]).with_extension("txt");
+    let config = rooms_of(folder, [12; 2]);
+    let trajectory = config.path.join(SCENES[1]).with_extension("txt");
     let text = std::fs::read_to_string(&trajectory).unwrap();
     let pose: Vec<&str> = text.lines().next_back().unwrap().split(' ').skip(7).collect();
     assert_eq!(pose.len(), 12);
@@ -43,29 +31,13 @@ fn write_scenes(folder: &Path) -> DatasetConfig {
         if fields.len() == 19 { [&fields[..7], &pose[..]].concat().join(" ") } else { line.to_owned() }
     };
     std::fs::write(&trajectory, text.lines().map(still).collect::<Vec<_>>().join("\n")).unwrap();
-
-    let preset = folder.join("tiny.toml");
-    let text = Preset::text_of("re10k-2v-256").unwrap().replacen("name = \"re10k-2v-256\"", "name = \"tiny\"", 1);
-    let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
-    std::fs::write(&preset, text.replace("expected-size = { width = 640, height = 360 }\n", "")).unwrap();
-    let views = "v = { context = [2, 2], targets = 3, gaps = { min = 4, max = 9 }, inset = 1 }";
-    let views: BTreeMap<String, ViewChoice> = toml::from_str(views).unwrap();
-    DatasetConfig {
-        path,
-        preset: preset.to_string_lossy().into_owned(),
-        images: None,
-        frames: None,
-        prefer_undistorted: false,
-        views: views["v"].clone(),
-        exclude: Vec::new(),
-    }
+    config
 }
 
 #[test]
 fn scenes_of_a_camera_that_stands_still_are_counted() {
     let folder = tempdir().unwrap();
-    let rule = PoseNormalisation::mean_camera(MeanCameraScale::LongLrm);
-    let source = DatasetSource::open(write_scenes(folder.path()), rule, &mut Warnings::new()).unwrap();
+    let source = DatasetSource::open(write_scenes(folder.path()), RULE, &mut Warnings::new()).unwrap();
     assert_eq!(source.unstable_poses(), UnstablePoses::default());
     let names: Vec<String> = (0..20).map(|number| source.sample(id(number)).unwrap().name).collect();
     let first = |scene: &str| names.iter().find(|name| name.starts_with(scene)).unwrap();
