@@ -13,16 +13,11 @@ fn leads_of_offsets_over_rays_by_overlap_are_those_of_the_stores() {
     let index = folder().join("../../eval/experiments/claims/protocols/rooms-2v-200-overlaps.json");
     let index: serde_json::Value = serde_json::from_slice(&std::fs::read(index).unwrap()).unwrap();
     let slope = |training: usize, store: &str| {
-        let mut results = Results::read(&folder().join(store).join("store")).unwrap();
-        for row in &mut results.targets {
+        let mut trained = Training::read(training, store, ["full", "anchor-ray-depth"]);
+        for row in &mut trained.results.targets {
             row.overlap = index[&row.key.scene]["overlap"].as_f64();
         }
-        let rows = ["full", "anchor-ray-depth"].map(|row| format!("{row}-{training}"));
-        let [offsets, rays] =
-            [&rows[0], &rows[1]].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(ROOMS.0, row, "psnr") });
-        let found = lead_along_overlap((&results, &offsets), (&results, &rays)).unwrap();
-        assert_eq!(found.scenes, 200, "{store}");
-        in_decibels(&with_interval(found.slope / 10.0, found.interval.unwrap().map(|end| end / 10.0), 3))
+        in_decibels(&trained.change_per_tenth_of_overlap())
     };
     let expected = vec![slope(1, "anchors"), slope(2, "anchors-seed-2")];
     require_lines(expected, |number| readme.contains(number));
@@ -32,44 +27,40 @@ fn leads_of_offsets_over_rays_by_overlap_are_those_of_the_stores() {
 #[test]
 fn leads_of_offsets_over_rays_outside_the_window_are_those_of_the_stores() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
-    let trainings = [(1, "window"), (2, "window-seed-2")].map(|(training, store)| Longer::read(training, store));
-    let line = |text: &str, number: &dyn Fn(&Longer) -> String| {
+    let trainings = [(1, "window"), (2, "window-seed-2")]
+        .map(|(training, store)| Training::read(training, store, ["window", "window-ray-depth"]));
+    let line = |text: &str, number: &dyn Fn(&Training) -> String| {
         let [first, second] = trainings.each_ref().map(number);
         format!("| {text} | {first} | {second} |")
     };
     let expected = vec![
-        line("between two views", &|longer| longer.lead(ROOMS)),
-        line("outside the window", &|longer| longer.lead(OUTSIDE)),
-        line("1 to 15 frames outside", &|longer| longer.lead_at(1, 15)),
-        line("16 to 30 frames outside", &|longer| longer.lead_at(16, 30)),
-        line("31 to 45 frames outside", &|longer| longer.lead_at(31, 45)),
-        line("change per frame outside", &|longer| {
-            let [offsets, rays] = longer.queries(OUTSIDE.0);
-            let found = lead_along_distance((&longer.results, &offsets), (&longer.results, &rays)).unwrap();
-            with_interval(found.slope, found.interval.unwrap(), 3)
-        }),
-        line("change per 0.1 of overlap", &|longer| {
-            let [offsets, rays] = longer.queries(ROOMS.0);
-            let found = lead_along_overlap((&longer.results, &offsets), (&longer.results, &rays)).unwrap();
-            assert_eq!(found.scenes, 200);
-            with_interval(found.slope / 10.0, found.interval.unwrap().map(|end| end / 10.0), 3)
-        }),
+        line("between two views", &|trained| trained.lead(ROOMS)),
+        line("outside the window", &|trained| trained.lead(OUTSIDE)),
+        line("1 to 15 frames outside", &|trained| trained.lead_at(1, 15)),
+        line("16 to 30 frames outside", &|trained| trained.lead_at(16, 30)),
+        line("31 to 45 frames outside", &|trained| trained.lead_at(31, 45)),
+        line("change per frame outside", &Training::change_per_frame_outside),
+        line("change per 0.1 of overlap", &Training::change_per_tenth_of_overlap),
     ];
     require_lines(expected, |line| readme.lines().any(|there| there == line));
+    // The table of claims quotes both changes of each training.
+    let changes = |trained: &Training| [trained.change_per_frame_outside(), trained.change_per_tenth_of_overlap()];
+    let quoted = trainings.iter().flat_map(changes).map(|change| in_decibels(&change)).collect();
+    require_lines(quoted, |number| readme.contains(number));
 }
 
 const OUTSIDE: (&str, u64, u64) = ("rooms-extrapolation-64", 200, 600);
 
-/// A training of both rows with three times the samples.
-struct Longer {
+/// A training of two rows: one with offsets from anchors, and one with Gaussians on rays.
+struct Training {
     results: Results,
     rows: [String; 2],
 }
 
-impl Longer {
-    fn read(training: usize, store: &str) -> Self {
+impl Training {
+    fn read(training: usize, store: &str, rows: [&str; 2]) -> Self {
         let results = Results::read(&folder().join(store).join("store")).unwrap();
-        Self { results, rows: ["window", "window-ray-depth"].map(|row| format!("{row}-{training}")) }
+        Self { results, rows: rows.map(|row| format!("{row}-{training}")) }
     }
 
     fn queries(&self, preset: &'static str) -> [MetricQuery<'_>; 2] {
@@ -78,6 +69,19 @@ impl Longer {
 
     fn lead(&self, protocol: (&'static str, u64, u64)) -> String {
         difference_under(protocol, self.rows.each_ref().map(|row| (&self.results, row.as_str())), "psnr", 3)
+    }
+
+    fn change_per_frame_outside(&self) -> String {
+        let [offsets, rays] = self.queries(OUTSIDE.0);
+        let found = lead_along_distance((&self.results, &offsets), (&self.results, &rays)).unwrap();
+        with_interval(found.slope, found.interval.unwrap(), 3)
+    }
+
+    fn change_per_tenth_of_overlap(&self) -> String {
+        let [offsets, rays] = self.queries(ROOMS.0);
+        let found = lead_along_overlap((&self.results, &offsets), (&self.results, &rays)).unwrap();
+        assert_eq!(found.scenes, 200, "{}", self.rows[0]);
+        with_interval(found.slope / 10.0, found.interval.unwrap().map(|end| end / 10.0), 3)
     }
 
     /// On targets of so many frames outside the window.
